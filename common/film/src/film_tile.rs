@@ -1,0 +1,151 @@
+//! The sums that one work unit leaves behind.
+
+use crate::{SampleBlock, Tile};
+use serde::{Deserialize, Serialize};
+
+/// Linear Rec. 709 red, green, blue.
+pub type Rgb = [f32; 3];
+
+/// Adds two pixel sums, channel by channel, in f32: the only addition above the leaves.
+pub fn add_rgb(a: Rgb, b: Rgb) -> Rgb {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Per-pixel sum of a leaf: added in index order in f64, rounded once to f32.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LeafSum([f64; 3]);
+
+impl LeafSum {
+    /// Adds one sample's radiance.
+    pub fn add(&mut self, radiance: Rgb) {
+        for (sum, value) in self.0.iter_mut().zip(radiance) {
+            *sum += f64::from(value);
+        }
+    }
+
+    /// The leaf's value.
+    pub fn round(self) -> Rgb {
+        self.0.map(|sum| sum as f32)
+    }
+}
+
+/// What was traced and what went wrong on the way to some pixel sums. Adds up over units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Samples taken (pixels times samples per pixel).
+    pub samples: u64,
+    /// Rays from the camera.
+    pub rays_camera: u64,
+    /// Rays that continue a path.
+    pub rays_extension: u64,
+    /// Rays that ask whether a light is visible.
+    pub rays_shadow: u64,
+    /// Samples that came out as NaN and were counted as black.
+    pub nan: u64,
+    /// Samples that came out infinite and were counted as black.
+    pub infinite: u64,
+    /// Samples with a negative channel, which was counted as zero.
+    pub negative: u64,
+}
+
+impl Counters {
+    /// Sums of both.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            samples: self.samples + other.samples,
+            rays_camera: self.rays_camera + other.rays_camera,
+            rays_extension: self.rays_extension + other.rays_extension,
+            rays_shadow: self.rays_shadow + other.rays_shadow,
+            nan: self.nan + other.nan,
+            infinite: self.infinite + other.infinite,
+            negative: self.negative + other.negative,
+        }
+    }
+
+    /// All rays.
+    pub fn rays(&self) -> u64 {
+        self.rays_camera + self.rays_extension + self.rays_shadow
+    }
+
+    /// Samples that could not be taken at face value.
+    pub fn faults(&self) -> u64 {
+        self.nan + self.infinite + self.negative
+    }
+}
+
+/// Per-pixel radiance sums over one sample block: on disk and wire a *partial EXR*.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FilmTile {
+    tile: Tile,
+    block: SampleBlock,
+    sums: Vec<Rgb>,
+}
+
+impl FilmTile {
+    /// `sums` holds one entry per pixel of `tile`, in scanline order.
+    pub fn new(tile: Tile, block: SampleBlock, sums: Vec<Rgb>) -> Self {
+        assert_eq!(sums.len(), tile.area(), "one pixel sum per pixel of the tile");
+        Self { tile, block, sums }
+    }
+
+    /// Which pixels.
+    pub fn tile(&self) -> Tile {
+        self.tile
+    }
+
+    /// Which samples.
+    pub fn block(&self) -> SampleBlock {
+        self.block
+    }
+
+    /// Sums in scanline order.
+    pub fn sums(&self) -> &[Rgb] {
+        &self.sums
+    }
+
+    /// Whether every sum is finite: what a healthy renderer always returns.
+    pub fn is_finite(&self) -> bool {
+        self.sums.iter().flatten().all(|value| value.is_finite())
+    }
+
+    /// The parent's tile from two sibling blocks of one tile, given in either order.
+    pub fn merge(self, other: Self) -> Self {
+        assert_eq!(self.tile, other.tile, "siblings cover one tile");
+        assert_eq!(self.block.sibling(), Some(other.block), "only siblings merge");
+        let (mut left, right) =
+            if self.block.start() < other.block.start() { (self, other) } else { (other, self) };
+        for (a, b) in left.sums.iter_mut().zip(&right.sums) {
+            *a = add_rgb(*a, *b);
+        }
+        let block = left.block.parent().expect("a block with a sibling has a parent");
+        Self { tile: left.tile, block, sums: left.sums }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_leaf_rounds_once() {
+        let mut leaf = LeafSum::default();
+        let mut naive = 0.0f32;
+        for _ in 0..16 {
+            leaf.add([0.1; 3]);
+            naive += 0.1;
+        }
+        let exact = (16.0 * f64::from(0.1f32)) as f32;
+        assert_eq!(leaf.round(), [exact; 3]);
+        assert_ne!(naive, exact, "the naive sum would have shown a difference");
+    }
+
+    #[test]
+    fn siblings_merge_in_either_order() {
+        let tile = Tile::new(0, 0, 1, 1).unwrap();
+        let make = |range, value| FilmTile::new(tile, SampleBlock::new(range).unwrap(), vec![[value; 3]]);
+        let (left, right) = (make(0..16, 1.0e8), make(16..32, 3.3));
+        let merged = left.clone().merge(right.clone());
+        assert_eq!(merged, right.merge(left));
+        assert_eq!(merged.block(), SampleBlock::new(0..32).unwrap());
+    }
+}

@@ -1,0 +1,7 @@
+//! What a user asks of the farm. Plain values, checked on the way in.
+
+mod ids;
+mod spec;
+
+pub use ids::{Digest, JobId, LeaseId, WorkerId};
+pub use spec::{FrameRange, JobSpec, JobSpecError};
