@@ -2,6 +2,8 @@
 
 mod ids;
 mod spec;
+mod state;
 
 pub use ids::{Digest, JobId, LeaseId, WorkerId};
 pub use spec::{FrameRange, JobSpec, JobSpecError};
+pub use state::JobState;

@@ -1,0 +1,117 @@
+//! What the farm looks like from outside.
+
+use farm_job::{JobId, JobState, WorkerId};
+use serde::Serialize;
+use std::time::Duration;
+
+/// The farm at one moment.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Status {
+    /// Every job that was not forgotten, by identifier.
+    pub jobs: Vec<JobStatus>,
+    /// Every connected worker, by identifier.
+    pub workers: Vec<WorkerStatus>,
+    /// Why nothing is being rendered; none while something is.
+    pub why_idle: Option<WhyIdle>,
+}
+
+/// One job.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JobStatus {
+    /// Which one.
+    pub job: JobId,
+    /// For people.
+    pub name: String,
+    /// Where it is in its life.
+    pub state: JobState,
+    /// Higher goes first.
+    pub priority: i32,
+    /// Complete frames.
+    pub frames_done: u64,
+    /// All its frames.
+    pub frames: u64,
+    /// Samples over all pixels and frames that are durable.
+    pub samples_done: u128,
+    /// Samples over all pixels and frames.
+    pub samples: u128,
+    /// Deliveries that were accepted.
+    pub units_done: u64,
+    /// Leases that are out.
+    pub leases: u64,
+    /// Units that a worker could not render, and results that were rejected.
+    pub failures: u64,
+    /// Leases that ran out or went with their worker.
+    pub expired: u64,
+    /// Results that were dropped because their samples were already there.
+    pub duplicates: u64,
+    /// Time its accepted units took on their slots.
+    pub render: Duration,
+    /// Why it failed.
+    pub fault: Option<String>,
+    /// Why none of its units is being rendered; none while one is, and for a job that has ended.
+    pub why_idle: Option<WhyIdle>,
+}
+
+/// One worker.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WorkerStatus {
+    /// This connection.
+    pub worker: WorkerId,
+    /// Names it across connections.
+    pub name: String,
+    /// Units it renders at once.
+    pub slots: u32,
+    /// Leases it holds, waiting ones included.
+    pub in_flight: u64,
+    /// Pixel samples per second of all its slots together, smoothed; 0 before its first result.
+    pub samples_per_s: f64,
+    /// Units it delivered and that were accepted.
+    pub units_done: u64,
+    /// Units that failed there and results that were rejected.
+    pub failures: u64,
+    /// Time since it was last heard.
+    pub silent_for: Duration,
+    /// Takes no more work.
+    pub draining: bool,
+    /// Time until it is forgiven.
+    pub quarantined_for: Option<Duration>,
+}
+
+/// Why nothing is being rendered.
+#[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum WhyIdle {
+    /// There is nothing to do.
+    #[error("no job is open: submit one")]
+    NoJobs,
+    /// Every open job, or this one, is paused.
+    #[error("paused: resume it to go on")]
+    Paused,
+    /// Nobody is connected.
+    #[error("no worker is connected: start one with worker --connect")]
+    NoWorkers,
+    /// Everybody connected takes no more work.
+    #[error("every connected worker is draining: start another one")]
+    Draining,
+    /// Nobody connected is trusted at the moment.
+    #[error("every connected worker is in quarantine after failures; the first is tried again in {} s", .soonest.as_secs())]
+    Quarantined {
+        /// Time until the first of them is tried again.
+        soonest: Duration,
+    },
+    /// Nobody connected can render the job.
+    #[error("every connected worker refuses the job: {reason}")]
+    Refused {
+        /// One worker's words.
+        reason: String,
+    },
+    /// Other jobs go first.
+    #[error("waits for job {ahead}, which goes first")]
+    Behind {
+        /// The one that has the workers.
+        ahead: JobId,
+    },
+    /// All is rendered and on its way to the store.
+    #[error("waits for the store")]
+    Storing,
+}
