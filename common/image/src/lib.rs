@@ -1,1 +1,15 @@
-//! placeholder
+//! Film to and from files: partial EXRs, finished frames, previews; and how far two pictures are apart.
+//!
+//! Promise: a partial EXR is decoded to exactly the sums that were encoded, the same input gives the same bytes, and nothing
+//! half-written is ever found under the name of a finished file.
+
+mod attribute;
+mod digest;
+mod error;
+mod file;
+mod partial;
+
+pub use digest::pixels_digest;
+pub use error::ImageError;
+pub use file::{write_file, write_file_with};
+pub use partial::{PartialHeader, PartialLimits, decode_partial, encode_partial};
