@@ -4,7 +4,7 @@
 //! from run to run. One cannot.
 
 use exr::meta::attribute::{AttributeValue, Text};
-use exr::meta::header::{Header, LayerAttributes};
+use exr::meta::header::LayerAttributes;
 use serde::{Serialize, de::DeserializeOwned};
 use std::fmt::Write;
 
@@ -18,9 +18,9 @@ pub(crate) fn insert(attributes: &mut LayerAttributes, value: &impl Serialize) {
     attributes.other.insert(Text::new_or_panic(NAME), AttributeValue::Text(text));
 }
 
-/// The value that `header` carries; none without the attribute, an error sentence if it is there and at fault.
-pub(crate) fn find<T: DeserializeOwned>(header: &Header) -> Option<Result<T, String>> {
-    let value = header.own_attributes.other.get(&Text::new_or_panic(NAME))?;
+/// The value that `attributes` carry; none without the attribute, an error sentence if it is there and at fault.
+pub(crate) fn find<T: DeserializeOwned>(attributes: &LayerAttributes) -> Option<Result<T, String>> {
+    let value = attributes.other.get(&Text::new_or_panic(NAME))?;
     let AttributeValue::Text(text) = value else {
         return Some(Err(format!("its attribute {NAME:?} is no text")));
     };

@@ -7,9 +7,13 @@ mod attribute;
 mod digest;
 mod error;
 mod file;
+mod frame;
 mod partial;
+mod read;
 
 pub use digest::pixels_digest;
 pub use error::ImageError;
 pub use file::{write_file, write_file_with};
+pub use frame::{Frame, FrameMetadata, Pass, SampleFormat, write_frame};
 pub use partial::{PartialHeader, PartialLimits, decode_partial, encode_partial};
+pub use read::{Image, read_image};

@@ -102,7 +102,7 @@ fn check_encoding(header: &Header) -> Result<(), ImageError> {
 }
 
 fn facts(header: &Header) -> Result<Facts, ImageError> {
-    let facts: Facts = attribute::find(header)
+    let facts: Facts = attribute::find(&header.own_attributes)
         .ok_or_else(|| refused("it does not say which scene, frame and samples it holds"))?
         .map_err(refused)?;
     if header.own_attributes.other.len() != 1 || !header.shared_attributes.other.is_empty() {
