@@ -1,0 +1,38 @@
+//! FLIP, a difference as people see it, by its authors' own implementation (C++, hence behind a feature of this crate).
+
+use crate::Image;
+
+/// Mean LDR-FLIP of the pictures as sRGB, clamped to [0, 1].
+#[cfg(feature = "flip")]
+pub(crate) fn mean_flip(picture: &Image, reference: &Image) -> Option<f64> {
+    let prepared = |image: &Image| {
+        let bytes: Vec<u8> =
+            image.pixels.iter().flatten().map(|&value| crate::preview::srgb_byte(value)).collect();
+        nv_flip::FlipImageRgb8::with_data(image.resolution.width(), image.resolution.height(), &bytes)
+    };
+    let map = nv_flip::flip(prepared(reference), prepared(picture), nv_flip::DEFAULT_PIXELS_PER_DEGREE);
+    let values = map.to_vec();
+    Some(values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64)
+}
+
+/// Not part of this build.
+#[cfg(not(feature = "flip"))]
+pub(crate) fn mean_flip(_: &Image, _: &Image) -> Option<f64> {
+    None
+}
+
+#[cfg(all(test, feature = "flip"))]
+mod tests {
+    use crate::compare;
+    use crate::metrics::tests::image;
+
+    #[test]
+    fn flip_runs_from_equal_to_opposite() {
+        let of = |value: f32| image(32, vec![[value; 3]; 1024]);
+        let flip = |a: f32, b: f32| compare(&of(a), &of(b)).unwrap().flip.unwrap();
+        assert_eq!(flip(0.5, 0.5), 0.0);
+        assert!(flip(0.0, 1.0) > 0.9);
+        let slight = flip(0.5, 0.52);
+        assert!(slight > 0.0 && slight < 0.1, "{slight}");
+    }
+}
