@@ -68,6 +68,18 @@ impl FrameRange {
     pub fn count(self) -> u64 {
         u64::from((self.last - self.first) / self.step) + 1
     }
+
+    /// The frame at `position`, counted from 0.
+    pub fn get(self, position: u32) -> Option<FrameIndex> {
+        let frame = self.first.checked_add(position.checked_mul(self.step)?)?;
+        (frame <= self.last).then_some(FrameIndex(frame))
+    }
+
+    /// Where `frame` stands, counted from 0; none when it is not one of these.
+    pub fn position(self, frame: FrameIndex) -> Option<u32> {
+        let distance = frame.0.checked_sub(self.first)?;
+        (frame.0 <= self.last && distance.is_multiple_of(self.step)).then(|| distance / self.step)
+    }
 }
 
 impl std::str::FromStr for FrameRange {
@@ -142,6 +154,15 @@ mod tests {
         assert_eq!(frames("1-8x3"), Ok(vec![1, 4, 7]));
         assert_eq!("1-8x3".parse::<FrameRange>().unwrap().count(), 3);
         assert_eq!(frames("4294967295"), Ok(vec![u32::MAX]));
+        let range = "3-9x3".parse::<FrameRange>().unwrap();
+        assert_eq!(
+            [0, 2, 3, u32::MAX].map(|position| range.get(position).map(|f| f.0)),
+            [Some(3), Some(9), None, None]
+        );
+        assert_eq!(
+            [2, 3, 4, 9, 12].map(|frame| range.position(FrameIndex(frame))),
+            [None, Some(0), None, Some(2), None]
+        );
         for text in ["", "4-1", "1-4x0", "-3", "1-", "a", "1-2-3", "99999999999"] {
             assert!(frames(text).is_err(), "{text:?} is no frame range");
         }

@@ -5,7 +5,7 @@ use farm_job::{JobId, JobSpec, LeaseId, WorkerId};
 use std::time::Duration;
 
 /// A finished unit as it came from a worker.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Delivery {
     /// The connection it came over.
     pub worker: WorkerId,

@@ -1,5 +1,6 @@
 //! What the farm looks like from outside.
 
+use farm_film::FrameIndex;
 use farm_job::{JobId, JobState, WorkerId};
 use serde::Serialize;
 use std::time::Duration;
@@ -7,7 +8,7 @@ use std::time::Duration;
 /// The farm at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Status {
-    /// Every job that was not forgotten, by identifier.
+    /// Every job that was submitted, by identifier.
     pub jobs: Vec<JobStatus>,
     /// Every connected worker, by identifier.
     pub workers: Vec<WorkerStatus>,
@@ -30,6 +31,8 @@ pub struct JobStatus {
     pub frames_done: u64,
     /// All its frames.
     pub frames: u64,
+    /// The first frame that has begun and is not complete.
+    pub current: Option<FrameStatus>,
     /// Samples over all pixels and frames that are durable.
     pub samples_done: u128,
     /// Samples over all pixels and frames.
@@ -50,6 +53,17 @@ pub struct JobStatus {
     pub fault: Option<String>,
     /// Why none of its units is being rendered; none while one is, and for a job that has ended.
     pub why_idle: Option<WhyIdle>,
+}
+
+/// One frame that has begun and is not complete.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct FrameStatus {
+    /// Which one.
+    pub frame: FrameIndex,
+    /// Samples per pixel that every tile has: where [`crate::Event::FrameTruncated`] ends it at once. 0 at first.
+    pub spp_complete: u64,
+    /// Samples per pixel when all that was begun is complete: where [`crate::Event::FrameTruncated`] ends it without waste.
+    pub spp_begun: u64,
 }
 
 /// One worker.

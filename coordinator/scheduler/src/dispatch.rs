@@ -1,0 +1,168 @@
+//! Who gets what.
+
+use crate::lease::Lease;
+use crate::piece::{Piece, PieceKey};
+use crate::worker::Worker;
+use crate::{Action, Scheduler, Timestamp, policy};
+use farm_job::{JobId, JobState, LeaseId, WorkerId};
+use std::time::Duration;
+
+impl Scheduler {
+    /// Fills the workers, the emptiest first and one unit at a time, until none has room or nothing is open.
+    pub(crate) fn dispatch(&mut self) {
+        let mut passed_over = Vec::new();
+        while self.jobs.any_turn() {
+            let Some(&(_, worker)) = self.workers.with_room.first() else { break };
+            if !self.grant_any(worker) {
+                self.workers.set_room(worker, false);
+                passed_over.push(worker);
+            }
+        }
+        for worker in passed_over {
+            self.refile_worker(worker);
+        }
+        if self.may_speculate() {
+            self.speculate();
+        }
+    }
+
+    /// Whether somebody has nothing to do while somebody else has.
+    pub(crate) fn may_speculate(&self) -> bool {
+        self.config.speculate
+            && self.leases.any_alone()
+            && self.workers.by_id.len() > 1
+            && self.workers.with_room.first().is_some_and(|(load, _)| *load < Worker::FULL)
+    }
+
+    /// Gives a worker the next unit of the first job that has one for it.
+    fn grant_any(&mut self, id: WorkerId) -> bool {
+        let mut turn = self.jobs.next_turn(None);
+        while let Some(job) = turn {
+            if let Some(key) = self.next_piece(id, job) {
+                self.grant(id, job, key);
+                return true;
+            }
+            turn = self.jobs.next_turn(Some(job));
+        }
+        false
+    }
+
+    fn next_piece(&mut self, id: WorkerId, job_id: JobId) -> Option<PieceKey> {
+        let job = self.jobs.get_mut(job_id)?;
+        let worker = self.workers.get(id).filter(|worker| !worker.refused.contains_key(&job_id))?;
+        let (target, slots) = (self.config.target_unit, self.slots);
+        let (speed, left) = (worker.speed_in(job_id).or(job.speed), job.samples_left());
+        // What failed here goes elsewhere, as long as there is an elsewhere.
+        let may = |piece: &Piece| {
+            let failures = &piece.history.failures;
+            let untried =
+                |other: &Worker| !other.refused.contains_key(&job_id) && !failures.contains(&other.name);
+            !failures.contains(&worker.name)
+                || !self.workers.usable(&self.health).any(|(_, other)| untried(other))
+        };
+        job.queue.take(|tile| policy::unit_samples(target, speed, tile.area(), left, slots), may)
+    }
+
+    fn grant(&mut self, id: WorkerId, job_id: JobId, key: PieceKey) {
+        let (Some(worker), Some(job)) = (self.workers.get(id), self.jobs.get_mut(job_id)) else { return };
+        let Some(unit) = job.queue.unit(key) else { return };
+        let holders = job.queue.piece(key).map(|piece| &piece.leases[..]).unwrap_or_default();
+        assert!(
+            holders.iter().all(|lease| !worker.leases.contains(lease)),
+            "a worker holds a unit at most once"
+        );
+        let time = render_time(
+            unit.tile.area() as u64 * unit.block.samples(),
+            worker.speed_in(job_id).or(job.speed),
+            self.config.target_unit,
+        );
+        let deadline = self.now.after(self.config.lease_ttl);
+        let lease = Lease {
+            worker: id,
+            job: job_id,
+            piece: key,
+            granted: self.now,
+            deadline,
+            expected: worker.expected(self.now, time),
+            cost: u64::try_from(time.as_nanos()).unwrap_or(u64::MAX),
+        };
+        let lease_id = self.leases.add(lease.clone());
+        let attempt = job.queue.lease(key, lease_id);
+        job.leases += 1;
+        if let Some(worker) = self.workers.get_mut(id) {
+            worker.leases.insert(lease_id);
+        }
+        self.refile_piece(&lease);
+        self.refile_worker(id);
+        self.jobs.charge(job_id, lease.cost);
+        self.actions.push_back(Action::Grant {
+            worker: id,
+            lease: lease_id,
+            job: job_id,
+            unit,
+            attempt,
+            deadline,
+        });
+    }
+
+    /// Gives idle slots a second copy of the slowest units, where that promises to be faster.
+    fn speculate(&mut self) {
+        let mut passed_over = Vec::new();
+        while self.may_speculate() && passed_over.len() < policy::SPECULATORS_LOOKED_AT {
+            let Some(&(_, worker)) = self.workers.with_room.first() else { break };
+            match self.worth_a_copy(worker) {
+                Some((job, key)) => self.grant(worker, job, key),
+                None => {
+                    self.workers.set_room(worker, false);
+                    passed_over.push(worker);
+                }
+            }
+        }
+        for worker in passed_over {
+            self.refile_worker(worker);
+        }
+    }
+
+    fn worth_a_copy(&self, id: WorkerId) -> Option<(JobId, PieceKey)> {
+        let worker = self.workers.get(id)?;
+        self.leases
+            .slowest(self.now)
+            .take(policy::SLOWEST_LOOKED_AT)
+            .find(|(lease_id, lease)| self.is_worth_a_copy(worker, *lease_id, lease))
+            .map(|(_, lease)| (lease.job, lease.piece))
+    }
+
+    fn is_worth_a_copy(&self, worker: &Worker, lease_id: LeaseId, lease: &Lease) -> bool {
+        let Some(job) = self.jobs.get(lease.job).filter(|job| job.state == JobState::Running) else {
+            return false;
+        };
+        let Some(piece) = job.queue.piece(lease.piece) else { return false };
+        let excluded = worker.leases.contains(&lease_id)
+            || worker.refused.contains_key(&lease.job)
+            || piece.history.failures.contains(&worker.name);
+        if excluded {
+            return false;
+        }
+        let allowed = lease.expected.since(lease.granted);
+        let samples = job.queue.plan().tile(lease.piece.cell.tile).area() as u64 * piece.block.samples();
+        let own = render_time(samples, worker.speed_in(lease.job).or(job.speed), allowed);
+        // To win narrowly is not worth the work.
+        let copy = worker.expected(self.now, own + own / 2);
+        copy < self.predicted(lease, allowed)
+    }
+
+    /// When a result will be there: as expected, until it is late by half; then after as long again as it took so far.
+    fn predicted(&self, lease: &Lease, allowed: Duration) -> Timestamp {
+        if self.now > lease.expected.after(allowed / 2) {
+            self.now.after(self.now.since(lease.granted))
+        } else {
+            lease.expected
+        }
+    }
+}
+
+/// Time that one slot needs; `unknown` before anything was measured.
+fn render_time(samples: u64, speed: Option<f64>, unknown: Duration) -> Duration {
+    let seconds = speed.map(|speed| samples as f64 / speed);
+    seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or(unknown)
+}

@@ -1,0 +1,167 @@
+//! How far the frames of a job are: which rounds are complete, and which frames.
+
+use crate::plan::{Cell, Plan};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Something that a picture has reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Milestone {
+    /// Every tile of the frame has samples `[0, spp)`.
+    Round { frame: u32, spp: u64 },
+    /// Nothing is missing.
+    Frame { frame: u32, spp: u64 },
+}
+
+/// Progress of the frames that have begun and are not complete; the others are numbers.
+#[derive(Clone, Debug)]
+pub(crate) struct Progress {
+    frames: BTreeMap<u32, FrameProgress>,
+    /// Complete, although planning has not passed them yet.
+    complete_ahead: BTreeSet<u32>,
+    frames_done: u64,
+    samples_done: u128,
+    samples: u128,
+}
+
+#[derive(Clone, Debug)]
+struct FrameProgress {
+    /// Complete cells of each round.
+    cells: Vec<u64>,
+    /// Durable samples over all pixels of each round.
+    samples: Vec<u128>,
+    /// Rounds of which something was begun.
+    begun: u8,
+    /// Complete rounds from the first one on.
+    complete: u8,
+    /// Rounds this frame gets.
+    limit: u8,
+}
+
+impl Progress {
+    pub fn new(plan: &Plan) -> Self {
+        Self {
+            frames: BTreeMap::new(),
+            complete_ahead: BTreeSet::new(),
+            frames_done: 0,
+            samples_done: 0,
+            samples: frame_samples(plan, 0, plan.rounds().len() as u8) * u128::from(plan.frames()),
+        }
+    }
+
+    /// Notes that something of `cell` has begun.
+    pub fn begin(&mut self, plan: &Plan, cell: Cell) {
+        let frame = self.frame(plan, cell.frame);
+        frame.begun = frame.begun.max(cell.round + 1);
+    }
+
+    /// Notes that `samples` more of a cell are durable, over all its pixels.
+    pub fn add(&mut self, cell: Cell, samples: u128) {
+        let frame = self.frames.get_mut(&cell.frame).expect("a cell has begun before anything of it is done");
+        frame.samples[usize::from(cell.round)] += samples;
+        self.samples_done += samples;
+    }
+
+    /// Notes that nothing of a cell is missing any more.
+    pub fn complete_cell(&mut self, plan: &Plan, cell: Cell, cursor: Option<Cell>) -> Vec<Milestone> {
+        let frame = self.frames.get_mut(&cell.frame).expect("a cell has begun before it is complete");
+        frame.cells[usize::from(cell.round)] += 1;
+        self.advance(plan, cell.frame, cursor)
+    }
+
+    /// Ends a frame after its first `rounds` rounds.
+    pub fn truncate(
+        &mut self,
+        plan: &Plan,
+        position: u32,
+        rounds: u8,
+        cursor: Option<Cell>,
+    ) -> Vec<Milestone> {
+        let frame = self.frame(plan, position);
+        let (before, was) = (usize::from(rounds), frame.limit);
+        frame.limit = rounds;
+        let dropped: u128 = frame.samples[before..].iter().sum();
+        frame.samples[before..].fill(0);
+        self.samples_done -= dropped;
+        self.samples -= frame_samples(plan, rounds, was);
+        self.advance(plan, position, cursor)
+    }
+
+    /// Notes that a whole frame is there from an earlier life.
+    pub fn complete_frame(&mut self, plan: &Plan, position: u32) {
+        if self.complete_ahead.insert(position) {
+            self.frames_done += 1;
+            self.samples_done += frame_samples(plan, 0, plan.rounds().len() as u8);
+        }
+    }
+
+    /// Forgets that a frame was completed early, once planning has passed it.
+    pub fn pass(&mut self, position: u32) {
+        self.complete_ahead.remove(&position);
+    }
+
+    /// Whether nothing of a frame is missing, given where planning is.
+    pub fn is_complete(&self, position: u32, cursor: Option<Cell>) -> bool {
+        let passed = cursor.is_none_or(|cursor| position < cursor.frame);
+        self.complete_ahead.contains(&position) || (passed && !self.frames.contains_key(&position))
+    }
+
+    /// Rounds that a frame gets.
+    pub fn limit(&self, plan: &Plan, position: u32) -> u8 {
+        self.frames.get(&position).map_or(plan.rounds().len() as u8, |frame| frame.limit)
+    }
+
+    pub fn frames_done(&self) -> u64 {
+        self.frames_done
+    }
+
+    pub fn samples_done(&self) -> u128 {
+        self.samples_done
+    }
+
+    pub fn samples(&self) -> u128 {
+        self.samples
+    }
+
+    /// The first frame that has begun and is not complete: its position, complete rounds and begun rounds.
+    pub fn current(&self) -> Option<(u32, u8, u8)> {
+        self.frames
+            .first_key_value()
+            .map(|(&position, frame)| (position, frame.complete, frame.begun.min(frame.limit)))
+    }
+
+    fn frame(&mut self, plan: &Plan, position: u32) -> &mut FrameProgress {
+        let rounds = plan.rounds().len();
+        self.frames.entry(position).or_insert_with(|| FrameProgress {
+            cells: vec![0; rounds],
+            samples: vec![0; rounds],
+            begun: 0,
+            complete: 0,
+            limit: rounds as u8,
+        })
+    }
+
+    /// Announces rounds in order, each when it and all before it are complete, and then the frame.
+    fn advance(&mut self, plan: &Plan, position: u32, cursor: Option<Cell>) -> Vec<Milestone> {
+        let Some(frame) = self.frames.get_mut(&position) else { return Vec::new() };
+        let mut reached = Vec::new();
+        let spp = |rounds: u8| plan.rounds()[usize::from(rounds) - 1].end();
+        while frame.complete < frame.limit && frame.cells[usize::from(frame.complete)] == plan.tiles() {
+            frame.complete += 1;
+            reached.push(Milestone::Round { frame: position, spp: spp(frame.complete) });
+        }
+        if frame.complete >= frame.limit {
+            reached.push(Milestone::Frame { frame: position, spp: spp(frame.limit) });
+            self.frames.remove(&position);
+            self.frames_done += 1;
+            if cursor.is_some_and(|cursor| position >= cursor.frame) {
+                self.complete_ahead.insert(position);
+            }
+        }
+        reached
+    }
+}
+
+/// Samples over all pixels of a frame in rounds `from..to`.
+fn frame_samples(plan: &Plan, from: u8, to: u8) -> u128 {
+    (from..to).map(|round| plan.round_samples(round)).sum()
+}

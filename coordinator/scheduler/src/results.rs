@@ -1,0 +1,194 @@
+//! Results come in, are claimed, and settled.
+
+use crate::piece::{History, PieceKey};
+use crate::{Delivery, JobFault, Scheduler, Timestamp, policy};
+use farm_film::WorkUnit;
+use farm_job::{JobId, LeaseId, WorkerId};
+use std::time::Duration;
+
+/// What to do with a result that has come in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// All its samples are open: verify it, store it, acknowledge it.
+    Wanted,
+    /// Some or all of its samples are there or on their way to the store, or its job or frame has ended: acknowledge it
+    /// as not needed and drop it.
+    NotNeeded,
+    /// It is no unit of its job: refuse it.
+    Foreign,
+}
+
+impl Scheduler {
+    /// Whether a result would be claimed, without claiming it.
+    pub fn wants(&self, job: JobId, unit: &WorkUnit) -> Verdict {
+        match self.jobs.get(job) {
+            Some(job) if !job.state.is_final() => job.queue.verdict(unit),
+            _ => Verdict::NotNeeded,
+        }
+    }
+
+    /// Takes a result off its worker's hands, whose lease ends with it, and reserves its samples if they are
+    /// [`Verdict::Wanted`]. Then exactly one of [`crate::Event::UnitAccepted`], [`crate::Event::StoreFailed`] and
+    /// [`crate::Event::ResultRejected`] must follow for the same delivery, also when the worker has left meanwhile.
+    pub fn claim(&mut self, now: Timestamp, delivery: &Delivery) -> Verdict {
+        self.pass_time(now);
+        self.hear(delivery.worker);
+        let verdict = self.reserve(delivery);
+        self.dispatch();
+        verdict
+    }
+
+    pub(crate) fn unit_accepted(&mut self, delivery: &Delivery, render: Duration) {
+        // A shell that did not ask before gets the answer now.
+        if !self.end_claim(delivery) {
+            if self.reserve(delivery) != Verdict::Wanted {
+                return;
+            }
+            self.end_claim(delivery);
+        }
+        let Some(job) = self.jobs.get_mut(delivery.job) else { return };
+        let accepted = job.queue.accept(&delivery.unit);
+        if accepted.is_some() {
+            let samples = delivery.unit.tile.area() as u64 * delivery.unit.block.samples();
+            let seconds = render.max(policy::SHORTEST_MEASURE).as_secs_f64();
+            job.speed = Some(policy::smooth(job.speed, samples as f64 / seconds));
+            job.units_done += 1;
+            job.render += render;
+            if let Some(worker) = self.workers.get_mut(delivery.worker) {
+                worker.measure(delivery.job, samples, render);
+                worker.units_done += 1;
+                self.health.success(&worker.name);
+            }
+        }
+        self.settle(delivery.job, accepted);
+        self.refile_worker(delivery.worker);
+    }
+
+    pub(crate) fn store_failed(&mut self, delivery: &Delivery) {
+        if self.end_claim(delivery) {
+            self.unreserve(delivery);
+        }
+    }
+
+    pub(crate) fn result_rejected(&mut self, delivery: &Delivery, reason: String) {
+        self.hear(delivery.worker);
+        if self.end_claim(delivery) {
+            self.unreserve(delivery);
+        } else {
+            self.give_up_lease(delivery.worker, delivery.lease);
+        }
+        if let Some(job) = self.jobs.get_mut(delivery.job) {
+            job.failures += 1;
+        }
+        self.blame(delivery.worker, delivery.job, false, reason);
+    }
+
+    pub(crate) fn unit_failed(&mut self, id: WorkerId, lease: LeaseId, reason: String) {
+        self.hear(id);
+        let Some((job_id, key)) = self.give_up_lease(id, lease) else { return };
+        let name = self.workers.get(id).map(|worker| worker.name.clone());
+        if let Some(job) = self.jobs.get_mut(job_id) {
+            job.failures += 1;
+            if let Some(history) = job.queue.history_mut(key) {
+                history.failures.extend(name);
+            }
+        }
+        self.blame(id, job_id, true, reason.clone());
+        let Some(job) = self.jobs.get(job_id) else { return };
+        let (Some(piece), Some(unit)) = (job.queue.piece(key), job.queue.unit(key)) else { return };
+        if !self.is_hopeless(job_id, &piece.history) {
+            return;
+        }
+        let fault = JobFault::UnitFailed {
+            unit,
+            times: piece.history.failures.len() as u32,
+            workers: piece.history.failed_on().into_iter().map(|name| name.to_string()).collect(),
+            reason,
+        };
+        self.fail_job(job_id, fault);
+        if self.health.absolve(job_id) {
+            self.refile_workers();
+        }
+    }
+
+    pub(crate) fn unit_returned(&mut self, id: WorkerId, lease: LeaseId) {
+        self.hear(id);
+        self.give_up_lease(id, lease);
+    }
+
+    /// Ends a lease that its worker will not answer; the piece it was for.
+    fn give_up_lease(&mut self, worker: WorkerId, id: LeaseId) -> Option<(JobId, PieceKey)> {
+        self.leases.get(id).filter(|lease| lease.worker == worker)?;
+        let lease = self.end_lease(id)?;
+        let at = (lease.job, lease.piece);
+        self.open_again(id, Some(lease));
+        Some(at)
+    }
+
+    fn reserve(&mut self, delivery: &Delivery) -> Verdict {
+        let answered = self.leases.get(delivery.lease).filter(|lease| lease.worker == delivery.worker);
+        if answered.is_some_and(|lease| lease.job == delivery.job) {
+            let lease = self.end_lease(delivery.lease).expect("the lease was just seen");
+            if let Some(job) = self.jobs.get_mut(delivery.job) {
+                job.queue.release(lease.piece, delivery.lease);
+            }
+            self.refile_piece(&lease);
+        }
+        let verdict = self.wants(delivery.job, &delivery.unit);
+        let Some(job) = self.jobs.get_mut(delivery.job) else { return verdict };
+        match verdict {
+            Verdict::Wanted => {
+                let displaced = job.queue.reserve(&delivery.unit);
+                self.revoke(displaced);
+                self.claims.insert(*delivery);
+                if let Some(worker) = self.workers.get_mut(delivery.worker) {
+                    worker.storing += 1;
+                }
+                self.refile_worker(delivery.worker);
+            }
+            Verdict::NotNeeded => job.duplicates += 1,
+            Verdict::Foreign => {}
+        }
+        self.jobs.file(delivery.job);
+        verdict
+    }
+
+    fn unreserve(&mut self, delivery: &Delivery) {
+        if let Some(job) = self.jobs.get_mut(delivery.job) {
+            job.queue.unreserve(&delivery.unit);
+            self.jobs.file(delivery.job);
+        }
+    }
+
+    /// Ends a claim; whether there was one.
+    fn end_claim(&mut self, delivery: &Delivery) -> bool {
+        let claimed = self.claims.remove(delivery);
+        if let Some(worker) = self.workers.get_mut(delivery.worker).filter(|_| claimed) {
+            worker.storing = worker.storing.saturating_sub(1);
+            self.refile_worker(delivery.worker);
+        }
+        claimed
+    }
+
+    /// Forgets what is on its way to the store for an earlier job of the same name.
+    pub(crate) fn forget_claims(&mut self, job: JobId) {
+        let claims: Vec<Delivery> = self.claims.iter().filter(|claim| claim.job == job).copied().collect();
+        for claim in claims {
+            self.end_claim(&claim);
+        }
+    }
+
+    /// Whether a unit has failed wherever it could be tried.
+    fn is_hopeless(&self, job: JobId, history: &History) -> bool {
+        let untried = || {
+            self.workers.usable(&self.health).any(|(_, worker)| {
+                !worker.refused.contains_key(&job) && !history.failures.contains(&worker.name)
+            })
+        };
+        let times = history.failures.len();
+        times >= policy::FAILURES_MAX
+            && (history.failed_on().len() >= policy::FAILURES_MAX
+                || times >= policy::FAILURES_EVER
+                || !untried())
+    }
+}
