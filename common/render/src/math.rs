@@ -88,6 +88,11 @@ pub fn acos_f64(x: f64) -> f64 {
     libm::acos(x.clamp(-1.0, 1.0))
 }
 
+/// Angle of the point (x, y) in (-pi, pi], in double precision.
+pub fn atan2_f64(y: f64, x: f64) -> f64 {
+    libm::atan2(y, x)
+}
+
 /// Tangent in double precision, for what is computed once per frame.
 pub fn tan_f64(x: f64) -> f64 {
     libm::tan(x)
