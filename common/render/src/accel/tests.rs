@@ -1,0 +1,665 @@
+//! Stories about rays and scenes.
+
+use glam::{DVec3, Mat3, Quat, Vec3};
+
+use super::{
+    triangle::{Packet, TriangleRay, candidates, finish},
+    *,
+};
+use crate::transform::{Affine, TransformKey};
+
+/// A small generator, so that a failure names its seed.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (self.0 >> 40) as f32 / (1u64 << 24) as f32
+    }
+    fn signed(&mut self) -> f32 {
+        self.next() * 2.0 - 1.0
+    }
+    fn point(&mut self) -> Vec3 {
+        Vec3::new(self.signed(), self.signed(), self.signed())
+    }
+    fn rotation(&mut self) -> Quat {
+        Quat::from_xyzw(self.signed(), self.signed(), self.signed(), self.signed()).normalize()
+    }
+}
+
+fn all(_: &Hit) -> bool {
+    true
+}
+
+fn still(mesh: TriangleMesh) -> Accel {
+    Accel::build(vec![Geometry::Triangles(Arc::new(mesh))], vec![placed(0, Affine::IDENTITY)])
+}
+
+fn placed(geometry: u32, affine: Affine) -> InstanceDesc {
+    InstanceDesc { geometry, transform: MotionTransform::fixed(affine) }
+}
+
+fn soup(random: &mut Random, count: usize, size: f32) -> TriangleMesh {
+    let mut positions = Vec::new();
+    for _ in 0..count {
+        let centre = random.point();
+        positions.extend((0..3).map(|_| centre + random.point() * size));
+    }
+    let triangles = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    TriangleMesh::fixed(positions, triangles)
+}
+
+fn random_ray(random: &mut Random) -> Ray {
+    let origin = random.point() * 2.0;
+    Ray { time: random.next(), ..Ray::new(origin, random.point() - origin * random.next()) }
+}
+
+/// The same arithmetic without any tree.
+fn scan(mesh: &TriangleMesh, ray: &Ray) -> Option<Hit> {
+    let local = LocalRay::new(ray.origin, ray.direction, ray.time)?;
+    let mut filter = all;
+    let mut search = Search { t_max: ray.t_max.min(f32::MAX), best: None, filter: &mut filter };
+    for primitive in (0..mesh.triangles.len() as u32).rev() {
+        let packet = Packet::new([(primitive, mesh.corners(primitive, ray.time))].into_iter());
+        let found = candidates::<Portable>(&packet, &TriangleRay::new(&local), f32::MAX);
+        if found.lanes != 0
+            && let Some(meeting) = finish(&packet, &found, 0, &local)
+        {
+            search.offer(meeting, 0, primitive);
+        }
+    }
+    search.best
+}
+
+/// Moeller-Trumbore in f64 over everything, as independent of the code under test as can be.
+fn reference(accel: &Accel, ray: &Ray) -> Option<(f64, u32, u32)> {
+    let mut best: Option<(f64, u32, u32)> = None;
+    for instance in 0..accel.instances.len() as u32 {
+        let Geometry::Triangles(mesh) = accel.geometry(instance) else { continue };
+        for primitive in 0..mesh.triangles.len() as u32 {
+            let map = accel.transform(instance).at(ray.time);
+            let [a, b, c] = mesh.corners(primitive, ray.time).map(|p| map.point_f64(p.as_dvec3()));
+            if let Some(t) = moeller(ray, a, b, c)
+                && t <= f64::from(ray.t_max)
+                && best.is_none_or(|best| t < best.0)
+            {
+                best = Some((t, instance, primitive));
+            }
+        }
+    }
+    best
+}
+
+fn moeller(ray: &Ray, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let p = d.cross(e2);
+    let determinant = e1.dot(p);
+    let s = o - a;
+    let u = s.dot(p) / determinant;
+    let q = s.cross(e1);
+    let v = d.dot(q) / determinant;
+    let t = e2.dot(q) / determinant;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0).then_some(t)
+}
+
+fn agree(accel: &Accel, random: &mut Random, rays: usize, seed: u64) {
+    let mut hits = 0;
+    let mut differences = 0;
+    for _ in 0..rays {
+        let ray = random_ray(random);
+        let found = accel.closest(&ray, all);
+        let expected = reference(accel, &ray);
+        hits += usize::from(expected.is_some());
+        let same = match (found, expected) {
+            (Some(hit), Some((t, instance, primitive))) => {
+                let near = (f64::from(hit.t) - t).abs() <= 1e-4 * t.max(1e-3);
+                near && (hit.instance, hit.primitive) == (instance, primitive)
+            }
+            (None, None) => true,
+            _ => false,
+        };
+        differences += usize::from(!same);
+        assert_eq!(accel.occluded(&ray, all), found.is_some(), "seed {seed}: {ray:?}");
+    }
+    // A ray within f32 rounding of an edge may go either way.
+    assert!(
+        differences * 1000 <= rays,
+        "seed {seed}: {differences} of {rays} rays differ from the reference"
+    );
+    assert!(hits * 10 > rays, "seed {seed}: the scene is hit");
+}
+
+fn turning(random: &mut Random) -> MotionTransform {
+    let keys = (0..3).map(|_| TransformKey {
+        translation: random.point(),
+        rotation: random.rotation(),
+        stretch: Mat3::from_diagonal(Vec3::splat(0.3) + random.point() * 0.2),
+    });
+    MotionTransform::from_keys(keys.collect())
+}
+
+fn fixed_random(random: &mut Random) -> MotionTransform {
+    let linear = Mat3::from_quat(random.rotation()) * Mat3::from_diagonal(Vec3::new(0.5, -0.7, 0.9));
+    MotionTransform::fixed(Affine::new(linear, random.point()))
+}
+
+fn deforming(random: &mut Random, count: usize, keys: usize) -> TriangleMesh {
+    let mut mesh = soup(random, count, 0.3);
+    for _ in 1..keys {
+        let moved = mesh.keys[0].iter().map(|&p| p + random.point() * 0.2).collect();
+        mesh.keys.push(moved);
+    }
+    mesh
+}
+
+fn mixed_scene(seed: u64) -> Accel {
+    let mut random = Random(seed);
+    // Large enough that sharing is not undone by baking the copies.
+    let shared = soup(&mut random, 6000, 0.02);
+    let geometries = [
+        soup(&mut random, 40, 0.3),
+        shared,
+        deforming(&mut random, 20, 2),
+        deforming(&mut random, 20, 4),
+        soup(&mut random, 20, 0.3),
+    ];
+    let instances = vec![
+        InstanceDesc { geometry: 0, transform: fixed_random(&mut random) },
+        InstanceDesc { geometry: 1, transform: fixed_random(&mut random) },
+        InstanceDesc { geometry: 1, transform: fixed_random(&mut random) },
+        InstanceDesc { geometry: 1, transform: turning(&mut random) },
+        InstanceDesc { geometry: 2, transform: fixed_random(&mut random) },
+        InstanceDesc { geometry: 3, transform: turning(&mut random) },
+        InstanceDesc { geometry: 4, transform: turning(&mut random) },
+    ];
+    Accel::build(geometries.map(|mesh| Geometry::Triangles(Arc::new(mesh))).into(), instances)
+}
+
+#[test]
+fn nearest_hit_of_a_baked_scene_is_that_of_a_scan_bit_for_bit() {
+    for seed in 0..20 {
+        let mut random = Random(seed);
+        let mesh = soup(&mut random, [3, 9, 50, 400][seed as usize % 4], 0.3);
+        let accel = still(mesh.clone());
+        assert!(matches!(accel.upper, Level::Single));
+        for _ in 0..500 {
+            let ray = random_ray(&mut random);
+            assert_eq!(accel.closest(&ray, all), scan(&mesh, &ray), "seed {seed}: {ray:?}");
+        }
+    }
+}
+
+#[test]
+fn deforming_scene_agrees_with_a_scan_at_the_time_of_each_ray() {
+    for seed in 0..8 {
+        let mut random = Random(seed);
+        let mesh = deforming(&mut random, 60, 2 + seed as usize % 3);
+        let accel = still(mesh.clone());
+        assert!(accel.report().deforming_meshes);
+        for _ in 0..500 {
+            let ray = random_ray(&mut random);
+            assert_eq!(accel.closest(&ray, all), scan(&mesh, &ray), "seed {seed}: {ray:?}");
+        }
+    }
+}
+
+#[test]
+fn mixed_scenes_agree_with_the_reference() {
+    for seed in 0..3 {
+        let accel = mixed_scene(seed);
+        let report = accel.report();
+        assert!(report.moving_instances && report.deforming_meshes && report.levels == 2, "{report:?}");
+        assert_eq!(report.triangles, 40 + 6000 + 20 + 20 + 20, "the shared mesh is stored once");
+        agree(&accel, &mut Random(seed + 100), 1000, seed);
+    }
+}
+
+#[test]
+#[cfg(target_arch = "x86_64")]
+fn avx2_and_the_fallback_give_the_same_bits() {
+    for seed in 0..3 {
+        let mut accel = mixed_scene(seed);
+        let mut random = Random(seed);
+        let rays: Vec<Ray> = (0..20_000).map(|_| random_ray(&mut random)).collect();
+        let bits = |hit: Option<Hit>| {
+            hit.map(|h| (h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.instance, h.primitive))
+        };
+        let fast: Vec<_> = rays.iter().map(|ray| bits(accel.closest(ray, all))).collect();
+        accel.avx2 = false;
+        for (ray, fast) in rays.iter().zip(fast) {
+            assert_eq!(bits(accel.closest(ray, all)), fast, "seed {seed}: {ray:?}");
+        }
+    }
+}
+
+fn sphere(centre: Vec3, radius: f32, steps: u32) -> TriangleMesh {
+    let mut positions = vec![];
+    for i in 0..=steps {
+        for j in 0..2 * steps {
+            let (theta, phi) = (
+                std::f32::consts::PI * i as f32 / steps as f32,
+                std::f32::consts::PI * j as f32 / steps as f32,
+            );
+            let p = match i {
+                0 => Vec3::Y,
+                i if i == steps => -Vec3::Y,
+                _ => Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()),
+            };
+            positions.push(centre + p * radius);
+        }
+    }
+    let mut triangles = vec![];
+    for i in 0..steps {
+        for j in 0..2 * steps {
+            let at = |i: u32, j: u32| i * 2 * steps + j % (2 * steps);
+            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+    }
+    TriangleMesh::fixed(positions, triangles)
+}
+
+#[test]
+fn no_ray_escapes_a_sphere_far_from_the_origin() {
+    let centre = Vec3::new(148376.0, 1234.0, -223423.0);
+    let accel = still(sphere(centre, 2.0, 50));
+    let mut random = Random(7);
+    for _ in 0..200_000 {
+        let ray = Ray::new(centre + random.point() * 0.5, random.point());
+        assert!(accel.closest(&ray, all).is_some(), "{ray:?}");
+    }
+}
+
+fn grid(n: u32) -> TriangleMesh {
+    let positions = (0..=n).flat_map(|y| (0..=n).map(move |x| Vec3::new(x as f32, y as f32, 0.0))).collect();
+    let at = |x: u32, y: u32| y * (n + 1) + x;
+    let triangles = (0..n).flat_map(|y| {
+        (0..n).flat_map(move |x| {
+            [[at(x, y), at(x + 1, y), at(x + 1, y + 1)], [at(x, y), at(x + 1, y + 1), at(x, y + 1)]]
+        })
+    });
+    TriangleMesh::fixed(positions, triangles.collect())
+}
+
+#[test]
+fn rays_through_the_edges_and_corners_of_a_grid_hit_it() {
+    let accel = still(grid(16));
+    for half_x in 0..=32 {
+        for half_y in 0..=32 {
+            let target = Vec3::new(half_x as f32 * 0.5, half_y as f32 * 0.5, 0.0);
+            for from in
+                [Vec3::Z, Vec3::new(1.0, 0.0, 1.0), Vec3::new(-3.0, 5.0, 2.0), Vec3::new(0.25, 0.25, -8.0)]
+            {
+                let hit = accel.closest(&Ray::new(target + from, -from), all);
+                assert_eq!(hit.map(|h| h.t), Some(1.0), "{target} from {from}");
+            }
+        }
+    }
+}
+
+#[test]
+fn equally_near_hits_go_to_the_smallest_instance_and_primitive() {
+    let quad = Arc::new(grid(1));
+    let geometries = vec![Geometry::Triangles(quad.clone()), Geometry::Triangles(quad), Geometry::Rectangle];
+    let plane = Affine::new(Mat3::IDENTITY, Vec3::ZERO);
+    for order in [[0, 1, 2], [2, 1, 0], [1, 2, 0]] {
+        let instances = order.map(|g| placed(g, plane)).into();
+        let accel = Accel::build(geometries.clone(), instances);
+        for (x, y, primitive) in [(0.5, 0.25, 0), (0.25, 0.5, 1), (0.5, 0.5, 0)] {
+            let hit = accel.closest(&Ray::new(Vec3::new(x, y, 1.0), -Vec3::Z), all).expect("a hit");
+            let primitive = if order[0] == 2 { 0 } else { primitive };
+            assert_eq!((hit.t, hit.instance, hit.primitive), (1.0, 0, primitive), "order {order:?}");
+        }
+    }
+}
+
+#[test]
+fn filter_opens_the_way_to_what_lies_behind() {
+    let mut random = Random(3);
+    let mesh = soup(&mut random, 200, 0.5);
+    let accel = still(mesh);
+    for _ in 0..200 {
+        let ray = random_ray(&mut random);
+        let mut seen: Vec<Hit> = Vec::new();
+        while let Some(hit) = accel.closest(&ray, |h| !seen.iter().any(|s| s.primitive == h.primitive)) {
+            assert!(seen.last().is_none_or(|last| last.t <= hit.t));
+            seen.push(hit);
+        }
+        assert!(!accel.occluded(&ray, |h| !seen.iter().any(|s| s.primitive == h.primitive)));
+    }
+}
+
+#[test]
+fn signs_of_zeros_in_a_direction_do_not_matter() {
+    let accel = still(grid(4));
+    for signs in 0..8 {
+        let sign = |bit: u32| if signs & bit == 0 { 1.0f32 } else { -1.0 };
+        let along_z = Vec3::new(0.0 * sign(1), 0.0 * sign(2), sign(4));
+        for (x, y) in [(0.0, 0.0), (4.0, 4.0), (1.0, 2.5), (2.0, 2.0)] {
+            let origin = Vec3::new(x, y, -3.0 * sign(4));
+            let hit = accel.closest(&Ray::new(origin, along_z), all);
+            assert_eq!(hit.map(|h| h.t), Some(3.0), "{origin} {along_z}");
+        }
+        let beside = Ray::new(Vec3::new(-0.1, 1.0, -3.0 * sign(4)), along_z);
+        assert_eq!(accel.closest(&beside, all), None);
+    }
+}
+
+#[test]
+fn scaling_by_a_power_of_two_changes_nothing_but_the_unit() {
+    let mut random = Random(11);
+    let mesh = soup(&mut random, 300, 0.1);
+    let shared = soup(&mut random, 9000, 1e-3);
+    let places: Vec<_> = (0..2)
+        .map(|_| (Mat3::from_quat(random.rotation()) * Mat3::from_diagonal(Vec3::splat(0.5)), random.point()))
+        .collect();
+    let build = |scale: f32| {
+        let scaled = |mesh: &TriangleMesh| {
+            let positions = mesh.keys[0].iter().map(|&p| p * scale).collect();
+            Geometry::Triangles(Arc::new(TriangleMesh::fixed(positions, mesh.triangles.clone())))
+        };
+        let mut instances: Vec<_> =
+            places.iter().map(|&(m, t)| placed(1, Affine::new(m, t * scale))).collect();
+        instances.push(placed(0, Affine::IDENTITY));
+        instances.push(placed(2, Affine::new(Mat3::IDENTITY * scale * 0.1, Vec3::ZERO)));
+        Accel::build(vec![scaled(&mesh), scaled(&shared), Geometry::Sphere], instances)
+    };
+    let accel = build(1.0);
+    for exponent in [-20, 20] {
+        let scale = 2f32.powi(exponent);
+        let scaled = build(scale);
+        for _ in 0..5000 {
+            let ray = random_ray(&mut random);
+            let big = Ray { origin: ray.origin * scale, ..ray };
+            let hit = accel.closest(&ray, all);
+            let expected = hit.map(|h| Hit { t: h.t * scale, ..h });
+            assert_eq!(scaled.closest(&big, all), expected, "2^{exponent}: {ray:?}");
+            let Some(hit) = hit else { continue };
+            let (a, b) = (accel.surface(&hit, 0.0), scaled.surface(&Hit { t: hit.t * scale, ..hit }, 0.0));
+            assert_eq!((a.point * scale, a.error * scale), (b.point, b.error));
+            assert_eq!(a.normal_geometric, b.normal_geometric);
+        }
+    }
+}
+
+#[test]
+fn heaps_and_shrinking_rows_of_triangles_are_built_fast_and_hit_right() {
+    let corner = [Vec3::ZERO, Vec3::X, Vec3::Y];
+    let heap = TriangleMesh::fixed(corner.to_vec(), vec![[0, 1, 2]; 100_000]);
+    let accel = still(heap);
+    assert!(accel.report().depth < 60, "{:?}", accel.report());
+    let hit = accel.closest(&Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z), all).expect("a hit");
+    assert_eq!((hit.t, hit.primitive), (1.0, 0));
+
+    let positions = (0..=126).flat_map(|k| corner.map(|p| p * 2f32.powi(-k))).collect();
+    let triangles = (0..=126).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+    let mesh = TriangleMesh::fixed(positions, triangles);
+    let accel = still(mesh.clone());
+    for k in 0..=126 {
+        let p = Vec3::new(0.3, 0.3, 0.0) * 2f32.powi(-k);
+        for direction in [-Vec3::Z, Vec3::new(0.3, 0.2, -1.0)] {
+            let ray = Ray::new(p - direction, direction);
+            let hit = accel.closest(&ray, all);
+            assert_eq!(hit, scan(&mesh, &ray), "k = {k}");
+            assert!(direction != -Vec3::Z || hit.map(|h| h.primitive) == Some(0), "k = {k}");
+        }
+    }
+}
+
+#[test]
+fn worthless_triangles_are_counted_and_change_nothing() {
+    let mut random = Random(5);
+    let clean = soup(&mut random, 100, 0.3);
+    let mut dirty = clean.clone();
+    let count = dirty.keys[0].len() as u32;
+    dirty.keys[0].extend([Vec3::NAN, Vec3::X * f32::INFINITY, Vec3::X, Vec3::X * 2.0, Vec3::X * 3.0]);
+    dirty.triangles.extend([
+        [0, 1, count],
+        [0, count + 1, 2],
+        [count + 2, count + 3, count + 4],
+        [7, 7, 8],
+        [9, 9, 9],
+    ]);
+    dirty.triangles.extend_from_within(0..50);
+    let (clean, dirty) = (still(clean), still(dirty));
+    let report = dirty.report();
+    assert_eq!((report.dropped_not_finite, report.dropped_no_area), (2, 3));
+    for _ in 0..2000 {
+        let ray = random_ray(&mut random);
+        assert_eq!(clean.closest(&ray, all), dirty.closest(&ray, all));
+    }
+}
+
+#[test]
+fn needles_are_hit_like_the_quad_they_make_up() {
+    // A strip of width 1e-7 of its length, seen along and across.
+    let positions = vec![Vec3::ZERO, Vec3::X, Vec3::new(1.0, 1e-7, 0.0), Vec3::new(0.0, 1e-7, 0.0)];
+    let accel = still(TriangleMesh::fixed(positions, vec![[0, 1, 2], [0, 2, 3]]));
+    for i in 0..=100 {
+        let x = i as f32 / 100.0;
+        for y in [0.0, 0.5e-7, 1e-7] {
+            let hit = accel.closest(&Ray::new(Vec3::new(x, y, 2.0), -Vec3::Z), all);
+            assert_eq!(hit.map(|h| h.t), Some(2.0), "{x} {y}");
+        }
+    }
+}
+
+#[test]
+fn degenerate_triangle_that_fooled_others_is_not_hit() {
+    // Pharr, Jakob, Humphreys: Triangle, BadCases.
+    let positions = vec![
+        Vec3::new(-1113.45459, -79.049614, -56.2431908),
+        Vec3::new(-1113.45459, -87.0922699, -56.2431908),
+        Vec3::new(-1113.45459, -79.2090149, -56.2431908),
+    ];
+    let accel = still(TriangleMesh::fixed(positions, vec![[0, 1, 2]]));
+    let ray = Ray {
+        t_max: 0.9999,
+        ..Ray::new(
+            Vec3::new(-1081.47925, 99.9999542, 87.7701111),
+            Vec3::new(-32.1072998, -183.355865, -144.607635),
+        )
+    };
+    assert_eq!(accel.closest(&ray, all), None);
+}
+
+fn cube() -> TriangleMesh {
+    let positions = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32)).collect();
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let triangles = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    TriangleMesh::fixed(positions, triangles)
+}
+
+#[test]
+fn box_far_away_is_hit_by_a_ray_that_is_almost_parallel_to_an_axis() {
+    let mut mesh = cube();
+    mesh.keys[0].iter_mut().for_each(|p| *p = *p - Vec3::splat(0.5) + Vec3::Z * 1e7);
+    let accel = still(mesh);
+    let hit = accel.closest(&Ray::new(Vec3::ZERO, Vec3::new(1e-9, 0.0, 1.0)), all).expect("a hit");
+    assert!((hit.t - 1e7).abs() <= 1.0);
+}
+
+#[test]
+fn extreme_instances_equal_their_baked_twins() {
+    let mut random = Random(13);
+    let mesh = Arc::new(soup(&mut random, 9000, 0.2));
+    let scales = [
+        Vec3::splat(1e8),
+        Vec3::splat(1e-8),
+        Vec3::new(1.0, 1e-3, 1e3),
+        Vec3::new(-1.0, 1.0, 1.0),
+        Vec3::new(1.0, 1.0, 0.0),
+    ];
+    for scale in scales {
+        let linear = Mat3::from_quat(random.rotation()) * Mat3::from_diagonal(scale);
+        let map = Affine::new(linear, random.point() * scale.max_element());
+        let far = Affine::new(Mat3::IDENTITY, Vec3::splat(1e20));
+        let geometry = vec![Geometry::Triangles(mesh.clone())];
+        let baked = Accel::build(geometry.clone(), vec![placed(0, map)]);
+        let shared = Accel::build(geometry, vec![placed(0, map), placed(0, far)]);
+        assert_eq!(baked.report().baked_instances, 1);
+        assert_eq!(shared.report().baked_instances, usize::from(scale.z == 0.0), "singular ones are baked");
+        let mut hits = 0;
+        for _ in 0..500 {
+            let (from, to) = (random.point() * 3.0, random.point());
+            let ray = Ray::new(map.point(from), map.vector(to - from));
+            let (a, b) = (baked.closest(&ray, all), shared.closest(&ray, all));
+            let (Some(a), Some(b)) = (a, b) else {
+                assert!(a.is_none() && b.is_none(), "{scale} {a:?} {b:?}");
+                continue;
+            };
+            hits += 1;
+            assert!((a.t - b.t).abs() <= 1e-4 * a.t && a.primitive == b.primitive, "{scale}: {a:?} {b:?}");
+            let (p, q) = (baked.surface(&a, 0.0), shared.surface(&b, 0.0));
+            assert!(p.point.is_finite() && p.normal_geometric.is_finite());
+            assert!((p.normal_geometric - q.normal_geometric).length() < 1e-4, "{scale}");
+            assert_eq!(
+                baked.triangle_vertices(0, a.primitive, 0.0),
+                shared.triangle_vertices(0, a.primitive, 0.0)
+            );
+        }
+        assert!(hits > 20, "{scale}: {hits}");
+    }
+}
+
+#[test]
+fn plates_a_millionth_apart_shadow_each_other() {
+    for gap in [5e-5, 1e-6] {
+        let plate = |y: f32| {
+            let p = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+            p.map(|[x, z]| Vec3::new(x, y, z))
+        };
+        let positions = [plate(0.0), plate(gap)].concat();
+        let accel = still(TriangleMesh::fixed(positions, vec![[0, 2, 1], [0, 3, 2], [4, 6, 5], [4, 7, 6]]));
+        let mut random = Random(17);
+        for _ in 0..5000 {
+            let (x, z) = (random.signed() * 0.9, random.signed() * 0.9);
+            let up = Vec3::new(random.signed(), 0.1 + random.next(), random.signed());
+            let lower = Ray { t_max: 1.0, ..Ray::new(Vec3::new(x, -1.0, z), Vec3::Y) };
+            let hit = accel.closest(&lower, all).expect("the lower plate");
+            assert!(hit.primitive < 2);
+            let at = accel.surface(&hit, 0.0);
+            let origin = offset_origin(at.point, at.error, at.normal_geometric, up);
+            assert!(accel.occluded(&Ray::new(origin, up), |h| h.primitive >= 2), "{gap} {x} {z} {up}");
+            assert!(!accel.occluded(&Ray::new(origin, up), |h| h.primitive < 2), "{gap} {x} {z} {up}");
+        }
+    }
+}
+
+#[test]
+fn ground_lit_at_a_grazing_angle_does_not_shadow_itself() {
+    let sun = Vec3::new(0.9999985, 0.0017453283, 0.0);
+    let tilts =
+        [Quat::IDENTITY, Quat::from_rotation_y(0.7), Quat::from_rotation_x(0.3) * Quat::from_rotation_z(1.1)];
+    for tilt in tilts {
+        let mut ground = grid(8);
+        let turn = |p: Vec3| tilt * Vec3::new(p.x, p.z, -p.y);
+        ground.keys[0].iter_mut().for_each(|p| *p = turn((*p - Vec3::new(4.0, 4.0, 0.0)) * 2500.0));
+        let ground = Arc::new(ground);
+        let instanced = Affine::new(Mat3::from_quat(tilt.inverse()), Vec3::ZERO);
+        let scenes = [
+            Accel::build(vec![Geometry::Triangles(ground.clone())], vec![placed(0, Affine::IDENTITY)]),
+            Accel::build(
+                vec![Geometry::Triangles(ground), Geometry::Sphere],
+                vec![
+                    InstanceDesc {
+                        geometry: 0,
+                        transform: MotionTransform::from_keys(vec![
+                            TransformKey {
+                                translation: Vec3::ZERO,
+                                rotation: Quat::IDENTITY,
+                                stretch: instanced.linear,
+                            },
+                            TransformKey {
+                                translation: Vec3::X,
+                                rotation: Quat::IDENTITY,
+                                stretch: instanced.linear,
+                            },
+                        ]),
+                    },
+                    placed(1, Affine::new(Mat3::IDENTITY, Vec3::splat(1e6))),
+                ],
+            ),
+        ];
+        for (accel, to_world) in scenes.iter().zip([tilt, Quat::IDENTITY]) {
+            let mut random = Random(19);
+            for _ in 0..3000 {
+                let target = to_world * (Vec3::new(random.signed(), 0.0, random.signed()) * 9000.0);
+                let origin = to_world * Vec3::new(random.signed() * 100.0, 50.0, random.signed() * 100.0);
+                let hit = accel.closest(&Ray::new(origin, target - origin), all).expect("the ground");
+                let at = accel.surface(&hit, 0.0);
+                let light = to_world * sun;
+                let start = offset_origin(at.point, at.error, at.normal_geometric, light);
+                let shadow = accel.closest(&Ray::new(start, light), all);
+                assert_eq!(shadow, None, "at {target}, tilt {tilt}");
+            }
+        }
+    }
+}
+
+#[test]
+fn shapes_are_hit_where_their_surface_says() {
+    let mut random = Random(23);
+    let geometries = vec![Geometry::Disk, Geometry::Rectangle, Geometry::Sphere];
+    let flat = Affine::new(Mat3::from_cols(Vec3::X, Vec3::Z, Vec3::ZERO), Vec3::new(3.0, 0.0, 0.0));
+    let mut instances: Vec<_> =
+        (0..3).map(|g| InstanceDesc { geometry: g, transform: fixed_random(&mut random) }).collect();
+    instances.push(placed(1, flat));
+    instances.push(placed(2, flat));
+    instances.extend((0..3).map(|g| InstanceDesc { geometry: g, transform: turning(&mut random) }));
+    let accel = Accel::build(geometries, instances);
+    assert_eq!(accel.report().dropped_instances, 1, "a flattened sphere has nothing to hit");
+    let mut seen = [0; 8];
+    for _ in 0..20_000 {
+        let ray = random_ray(&mut random);
+        let ray = Ray { origin: ray.origin * 2.0, direction: random.point() * 3.0 - ray.origin * 2.0, ..ray };
+        let Some(hit) = accel.closest(&ray, all) else { continue };
+        seen[hit.instance as usize] += 1;
+        let at = accel.surface(&hit, ray.time);
+        assert!(
+            (ray.origin + ray.direction * hit.t - at.point).length() < 2e-5 * (1.0 + ray.origin.length())
+        );
+        assert!((at.normal_geometric.length() - 1.0).abs() < 1e-6);
+        let away = at.normal_geometric;
+        let start = offset_origin(at.point, at.error, at.normal_geometric, away);
+        let again = accel.closest(&Ray { time: ray.time, ..Ray::new(start, away) }, all);
+        assert!(again.is_none_or(|h| h.instance != hit.instance), "{hit:?} meets itself: {again:?}");
+    }
+    assert!(seen.iter().enumerate().all(|(i, &n)| (n > 50) == (i != 4)), "{seen:?}");
+}
+
+#[test]
+fn camera_and_object_that_move_together_stand_still() {
+    let step = Vec3::new(1e6, 0.0, 0.0);
+    let keys = [Vec3::ZERO, step].map(|translation| TransformKey {
+        translation,
+        rotation: Quat::IDENTITY,
+        stretch: Mat3::IDENTITY,
+    });
+    let accel = Accel::build(
+        vec![Geometry::Triangles(Arc::new(cube()))],
+        vec![InstanceDesc { geometry: 0, transform: MotionTransform::from_keys(keys.into()) }],
+    );
+    for i in 0..=1000 {
+        let time = i as f32 / 1000.0;
+        let origin = Affine::new(Mat3::IDENTITY, (step.as_dvec3() * f64::from(time)).as_vec3())
+            .point(Vec3::new(0.5, 0.5, -2.0));
+        let hit = accel.closest(&Ray { time, ..Ray::new(origin, Vec3::Z) }, all);
+        assert_eq!(hit.map(|h| h.t), Some(2.0), "time {time}");
+    }
+}
+
+#[test]
+fn empty_scenes_and_unusable_rays_meet_nothing() {
+    let nothing = Accel::build(vec![], vec![]);
+    assert_eq!(nothing.closest(&Ray::new(Vec3::ZERO, Vec3::X), all), None);
+    let empty = still(TriangleMesh::fixed(vec![], vec![]));
+    assert_eq!(empty.closest(&Ray::new(Vec3::ZERO, Vec3::X), all), None);
+    let accel = still(cube());
+    for direction in [Vec3::ZERO, Vec3::NAN] {
+        assert_eq!(accel.closest(&Ray::new(Vec3::splat(0.5), direction), all), None);
+    }
+    let short = Ray { t_max: 0.4, ..Ray::new(Vec3::splat(0.5), Vec3::X) };
+    assert!(!accel.occluded(&short, all) && accel.occluded(&Ray { t_max: 0.5, ..short }, all));
+}
