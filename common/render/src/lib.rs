@@ -4,9 +4,21 @@
 
 pub mod accel;
 pub mod bsdf;
+mod camera;
 pub mod filter;
+mod integrator;
+mod interaction;
 pub mod light;
 pub mod math;
+mod prepared;
 pub mod sampler;
 pub mod sampling;
+mod texture;
 pub mod transform;
+mod unit;
+
+pub use prepared::{PrepareError, PreparedScene, Report, Usage};
+pub use unit::{Rendered, render, render_sample};
+
+/// Names everything that decides a pixel's bits: results of different fingerprints are never mixed.
+pub const FINGERPRINT: &str = concat!("tessera-", env!("CARGO_PKG_VERSION"), "-math1");

@@ -11,7 +11,7 @@ mod owen;
 mod sobol;
 
 use crate::math;
-use hash::mix;
+pub(crate) use hash::mix;
 
 /// How the numbers of a pixel's samples hang together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,6 +48,11 @@ impl Sampler {
             key = mix(key ^ u64::from(low));
         }
         Self { sequence, key, index_reversed: low.reverse_bits() }
+    }
+
+    /// A number of the sample and a dimension set, from which any amount of independent randomness can be hashed.
+    pub fn key(&self, dimension_set: u32) -> u64 {
+        mix(mix(self.key ^ hash::spread(dimension_set)) ^ u64::from(self.index_reversed))
     }
 
     /// The four numbers in [0, 1) of a dimension set. Two sets of one sample are independent of each other.
