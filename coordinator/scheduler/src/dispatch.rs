@@ -3,7 +3,7 @@
 use crate::lease::Lease;
 use crate::piece::{Piece, PieceKey};
 use crate::worker::Worker;
-use crate::{Action, Scheduler, Timestamp, policy};
+use crate::{Action, Scheduler, policy};
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::time::Duration;
 
@@ -83,7 +83,8 @@ impl Scheduler {
             piece: key,
             granted: self.now,
             deadline,
-            expected: worker.expected(self.now, time),
+            turns: worker.turns(),
+            expected: worker.expected(self.now, worker.turns(), time),
             cost: u64::try_from(time.as_nanos()).unwrap_or(u64::MAX),
         };
         let lease_id = self.leases.add(lease.clone());
@@ -143,21 +144,18 @@ impl Scheduler {
         if excluded {
             return false;
         }
-        let allowed = lease.expected.since(lease.granted);
+        let Some(holder) = self.workers.get(lease.worker) else { return false };
         let samples = job.queue.plan().tile(lease.piece.cell.tile).area() as u64 * piece.block.samples();
-        let own = render_time(samples, worker.speed_in(lease.job).or(job.speed), allowed);
+        let time_on = |worker: &Worker| {
+            render_time(samples, worker.speed_in(lease.job).or(job.speed), self.config.target_unit)
+        };
+        // Late by half of its time, a result is expected after as long again as it took so far.
+        let (own, its) = (time_on(worker), time_on(holder));
+        let expected = holder.expected(lease.granted, lease.turns, its);
+        let is_late = self.now > expected.after(its / 2);
+        let predicted = if is_late { self.now.after(self.now.since(lease.granted)) } else { expected };
         // To win narrowly is not worth the work.
-        let copy = worker.expected(self.now, own + own / 2);
-        copy < self.predicted(lease, allowed)
-    }
-
-    /// When a result will be there: as expected, until it is late by half; then after as long again as it took so far.
-    fn predicted(&self, lease: &Lease, allowed: Duration) -> Timestamp {
-        if self.now > lease.expected.after(allowed / 2) {
-            self.now.after(self.now.since(lease.granted))
-        } else {
-            lease.expected
-        }
+        worker.expected(self.now, worker.turns(), own + own / 2) < predicted
     }
 }
 

@@ -14,7 +14,9 @@ pub(crate) struct Lease {
     pub granted: Timestamp,
     /// When it ends unless it is renewed.
     pub deadline: Timestamp,
-    /// When its result should be there.
+    /// Units that its worker renders one after another until this one is done.
+    pub turns: u32,
+    /// When its result should be there, by what was known of the speed when it was granted.
     pub expected: Timestamp,
     /// Nanoseconds of rendering that its job was charged.
     pub cost: u64,

@@ -98,10 +98,14 @@ impl Worker {
         self.leases.len() as u64 * Self::FULL / u64::from(self.slots)
     }
 
-    /// When a unit that takes `unit` on a slot would be there, behind all that it holds.
-    pub fn expected(&self, now: Timestamp, unit: Duration) -> Timestamp {
-        let turns = self.leases.len() as u32 / self.slots + 1;
-        now.after(unit.saturating_mul(turns)).after(self.round_trip.unwrap_or(policy::ROUND_TRIP_GUESS))
+    /// Units that one of its slots renders until one more is done.
+    pub fn turns(&self) -> u32 {
+        self.leases.len() as u32 / self.slots + 1
+    }
+
+    /// When the result of a unit that waits for its turn is there, if each takes `unit`.
+    pub fn expected(&self, granted: Timestamp, turns: u32, unit: Duration) -> Timestamp {
+        granted.after(unit.saturating_mul(turns)).after(self.round_trip.unwrap_or(policy::ROUND_TRIP_GUESS))
     }
 }
 

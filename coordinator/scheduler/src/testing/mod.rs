@@ -1,6 +1,8 @@
 //! A small farm for stories, and a large one for accidents.
 
+mod farm;
 mod simulation;
+mod stories;
 
 use farm_job::JobSpec;
 use farm_scene::{Filter, Integrator, SceneId, Settings};
