@@ -2,8 +2,10 @@
 
 use crate::lease::Lease;
 use crate::piece::{Piece, PieceKey};
+use crate::plan::pixel_samples;
 use crate::worker::Worker;
 use crate::{Action, Scheduler, policy};
+use farm_film::WorkUnit;
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::time::Duration;
 
@@ -71,11 +73,7 @@ impl Scheduler {
             holders.iter().all(|lease| !worker.leases.contains(lease)),
             "a worker holds a unit at most once"
         );
-        let time = render_time(
-            unit.tile.area() as u64 * unit.block.samples(),
-            worker.speed_in(job_id).or(job.speed),
-            self.config.target_unit,
-        );
+        let time = render_time(&unit, worker.speed_in(job_id).or(job.speed), self.config.target_unit);
         let deadline = self.now.after(self.config.lease_ttl);
         let lease = Lease {
             worker: id,
@@ -137,7 +135,9 @@ impl Scheduler {
         let Some(job) = self.jobs.get(lease.job).filter(|job| job.state == JobState::Running) else {
             return false;
         };
-        let Some(piece) = job.queue.piece(lease.piece) else { return false };
+        let (Some(piece), Some(unit)) = (job.queue.piece(lease.piece), job.queue.unit(lease.piece)) else {
+            return false;
+        };
         let excluded = worker.leases.contains(&lease_id)
             || worker.refused.contains_key(&lease.job)
             || piece.history.failures.contains(&worker.name);
@@ -145,9 +145,8 @@ impl Scheduler {
             return false;
         }
         let Some(holder) = self.workers.get(lease.worker) else { return false };
-        let samples = job.queue.plan().tile(lease.piece.cell.tile).area() as u64 * piece.block.samples();
         let time_on = |worker: &Worker| {
-            render_time(samples, worker.speed_in(lease.job).or(job.speed), self.config.target_unit)
+            render_time(&unit, worker.speed_in(lease.job).or(job.speed), self.config.target_unit)
         };
         // Late by half of its time, a result is expected after as long again as it took so far.
         let (own, its) = (time_on(worker), time_on(holder));
@@ -160,7 +159,7 @@ impl Scheduler {
 }
 
 /// Time that one slot needs; `unknown` before anything was measured.
-fn render_time(samples: u64, speed: Option<f64>, unknown: Duration) -> Duration {
-    let seconds = speed.map(|speed| samples as f64 / speed);
+fn render_time(unit: &WorkUnit, speed: Option<f64>, unknown: Duration) -> Duration {
+    let seconds = speed.map(|speed| pixel_samples(unit) / speed);
     seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or(unknown)
 }

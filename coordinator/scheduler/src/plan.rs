@@ -129,6 +129,11 @@ impl Plan {
     }
 }
 
+/// Samples over all pixels of a unit.
+pub(crate) fn pixel_samples(unit: &WorkUnit) -> f64 {
+    unit.tile.area() as f64 * unit.block.samples() as f64
+}
+
 /// The first and largest block of `[0, spp)` opened up into doublings, then the smaller ones that follow it.
 fn rounds(spp: u64) -> Result<Vec<SampleBlock>, JobSpecError> {
     let mut blocks = SampleRange::new(0..spp)?.blocks()?.into_iter();

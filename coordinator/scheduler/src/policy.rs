@@ -37,8 +37,14 @@ pub(crate) const STORING_PER_WINDOW: usize = 4;
 /// Weight of a new measurement: about the last five count.
 const NEWEST: f64 = 0.3;
 
-/// Times below this are clock noise.
-pub(crate) const SHORTEST_MEASURE: Duration = Duration::from_micros(10);
+/// Render times below this are clock noise.
+const SHORTEST_MEASURE: Duration = Duration::from_micros(10);
+
+/// Render times above this are a worker's mistake: no unit is worth a week.
+const LONGEST_MEASURE: Duration = Duration::from_secs(7 * 24 * 3600);
+
+/// More than any machine renders at once; a worker that claims more must not empty the queue.
+pub(crate) const SLOTS_MAX: u32 = 4096;
 
 /// Open pieces looked at for one that a worker may have. More than this are passed over only when as many units have
 /// failed on one worker, which is in quarantine long before.
@@ -103,6 +109,11 @@ pub(crate) fn smooth(before: Option<f64>, measured: f64) -> f64 {
     before.map_or(measured, |before| before + NEWEST * (measured - before))
 }
 
+/// A render time as a worker tells it, within what can be true.
+pub(crate) fn plausible(render: Duration) -> Duration {
+    render.clamp(SHORTEST_MEASURE, LONGEST_MEASURE)
+}
+
 /// Length of the quarantine after `earlier` ones.
 pub(crate) fn quarantine(earlier: u32) -> Duration {
     QUARANTINE_FIRST.saturating_mul(1 << earlier.min(16)).min(QUARANTINE_MAX)
@@ -119,7 +130,7 @@ pub(crate) fn window(
 ) -> usize {
     let slots = slots as usize;
     let Some(unit) = unit else { return slots * 2 };
-    let hidden = round_trip.unwrap_or(ROUND_TRIP_GUESS) + HANDLING;
+    let hidden = round_trip.unwrap_or(ROUND_TRIP_GUESS).saturating_add(HANDLING);
     let per_slot = hidden.as_secs_f64() / unit.as_secs_f64().max(1e-6);
     let in_round_trip = (slots as f64 * per_slot).ceil() as usize;
     let least = if unit > target * 2 { 1 } else { slots };

@@ -188,18 +188,17 @@ impl Queue {
     /// Notes that a unit is durable from an earlier life, in which it may have been merged over several rounds. Nothing is
     /// leased yet. Samples that are no part of the plan, or are there already, are passed over.
     pub fn cover(&mut self, unit: &WorkUnit) -> Vec<Milestone> {
-        let rounds = self.plan.rounds();
-        let first = rounds.partition_point(|round| round.end() <= unit.block.start());
-        let parts: Vec<SampleBlock> = rounds[first..]
-            .iter()
-            .take_while(|round| round.start() < unit.block.end())
-            .map(|round| if unit.block.contains(*round) { *round } else { unit.block })
-            .collect();
-        let located: Option<Vec<Cell>> =
-            parts.iter().map(|&block| self.plan.locate(&WorkUnit { block, ..*unit })).collect();
-        let whole = parts.iter().map(|part| part.samples()).sum::<u64>() == unit.block.samples();
-        let cells = located.filter(|_| whole).unwrap_or_default();
-        cells.into_iter().zip(parts).flat_map(|(cell, block)| self.cover_part(cell, block)).collect()
+        if let Some(cell) = self.plan.locate(unit) {
+            return self.cover_part(cell, unit.block);
+        }
+        let rounds = self.plan.rounds().iter().copied();
+        let parts: Vec<SampleBlock> = rounds.filter(|round| unit.block.contains(*round)).collect();
+        if parts.iter().map(|part| part.samples()).sum::<u64>() != unit.block.samples() {
+            return Vec::new();
+        }
+        let cell = |block| self.plan.locate(&WorkUnit { block, ..*unit });
+        let cells: Vec<_> = parts.into_iter().filter_map(|block| Some((cell(block)?, block))).collect();
+        cells.into_iter().flat_map(|(cell, block)| self.cover_part(cell, block)).collect()
     }
 
     /// Ends a frame at `spp` samples per pixel. None when that is not the end of a round, or the frame is complete.
@@ -248,6 +247,12 @@ impl Queue {
     fn cover_part(&mut self, cell: Cell, block: SampleBlock) -> Vec<Milestone> {
         if self.is_ended(cell) {
             return Vec::new();
+        }
+        if !self.is_touched(cell) && block == self.plan.block(cell) {
+            self.progress.begin(&self.plan, cell);
+            self.ahead.insert(cell);
+            self.advance();
+            return self.done(cell, block.samples());
         }
         if !self.is_touched(cell) {
             self.touch(cell);

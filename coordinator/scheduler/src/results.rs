@@ -1,6 +1,7 @@
 //! Results come in, are claimed, and settled.
 
 use crate::piece::{History, PieceKey};
+use crate::plan::pixel_samples;
 use crate::{Delivery, JobFault, Scheduler, Timestamp, policy};
 use farm_film::WorkUnit;
 use farm_job::{JobId, LeaseId, WorkerId};
@@ -49,11 +50,11 @@ impl Scheduler {
         let Some(job) = self.jobs.get_mut(delivery.job) else { return };
         let accepted = job.queue.accept(&delivery.unit);
         if accepted.is_some() {
-            let samples = delivery.unit.tile.area() as u64 * delivery.unit.block.samples();
-            let seconds = render.max(policy::SHORTEST_MEASURE).as_secs_f64();
-            job.speed = Some(policy::smooth(job.speed, samples as f64 / seconds));
+            let render = policy::plausible(render);
+            let samples = pixel_samples(&delivery.unit);
+            job.speed = Some(policy::smooth(job.speed, samples / render.as_secs_f64()));
             job.units_done += 1;
-            job.render += render;
+            job.render = job.render.saturating_add(render);
             if let Some(worker) = self.workers.get_mut(delivery.worker) {
                 worker.measure(delivery.job, samples, render);
                 worker.units_done += 1;

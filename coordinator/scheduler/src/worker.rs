@@ -43,7 +43,7 @@ impl Worker {
     pub fn new(name: Arc<str>, slots: u32, now: Timestamp) -> Self {
         Self {
             name,
-            slots: slots.max(1),
+            slots: slots.clamp(1, policy::SLOTS_MAX),
             heard: now,
             round_trip: None,
             leases: BTreeSet::new(),
@@ -61,9 +61,9 @@ impl Worker {
     }
 
     /// Learns from a unit of `samples` pixel samples that one slot rendered in `render`.
-    pub fn measure(&mut self, job: JobId, samples: u64, render: Duration) {
-        let seconds = render.as_secs_f64().max(policy::SHORTEST_MEASURE.as_secs_f64());
-        let speed = samples as f64 / seconds;
+    pub fn measure(&mut self, job: JobId, samples: f64, render: Duration) {
+        let seconds = render.as_secs_f64();
+        let speed = samples / seconds;
         let smoothed = policy::smooth(self.speeds.get(&job).copied(), speed);
         self.speeds.insert(job, smoothed);
         self.speed = smoothed;

@@ -450,6 +450,19 @@ fn slow_store_holds_its_workers_back() {
 }
 
 #[test]
+fn absurd_numbers_from_a_worker_do_no_harm() {
+    let mut farm = Farm::with_workers(0).submit(spec(65_536, 65_536, 65_536, 1 << 61, "0-4294967295"));
+    farm.join(A, u32::MAX);
+    farm.tell(Event::Heartbeat { worker: A, leases: Vec::new(), round_trip: Some(Duration::MAX) });
+    for render in [Duration::ZERO, Duration::MAX, Duration::ZERO] {
+        farm.finish(farm.first_of(A), render);
+    }
+    assert_eq!(farm.job(JOB).units_done, 3);
+    let speed = farm.scheduler.status(farm.now).workers[0].samples_per_s;
+    assert!(speed.is_finite() && speed > 0.0, "{speed}");
+}
+
+#[test]
 fn farm_says_why_nothing_is_rendered() {
     let why = |farm: &Farm| farm.scheduler.status(farm.now).why_idle;
     let farm = Farm::with_workers(0);
