@@ -259,6 +259,18 @@ mod tests {
     }
 
     #[test]
+    fn radiance_hdr_is_linear() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        let pixels = [image::Rgb([0.5f32, 1000.0, 0.0]), image::Rgb([2.0, 2.0, 0.25])];
+        let file = std::fs::File::create(&path).unwrap();
+        image::codecs::hdr::HdrEncoder::new(file).encode(&pixels, 1, 2).unwrap();
+        let read = read_image(&path).unwrap();
+        assert_eq!((read.resolution.width(), read.resolution.height()), (1, 2));
+        assert_eq!((read.pixels[0][1], read.pixels[1]), (1000.0, [2.0, 2.0, 0.25]));
+    }
+
+    #[test]
     fn what_is_no_picture_gets_a_sentence_that_names_it() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, bytes: &[u8]| -> PathBuf {

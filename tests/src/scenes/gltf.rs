@@ -2,8 +2,11 @@
 //!
 //! Every length goes through one [`Scale`], a power of two, so that a scene and its scaled twin differ in exponents only.
 
+mod document;
+mod material;
+
 use super::shapes::Shape;
-use base64::Engine;
+pub use material::Material;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 
@@ -23,10 +26,6 @@ impl Scale {
         metres.map(|value| self.length(value))
     }
 }
-
-/// Index of a material.
-#[derive(Clone, Copy, Debug)]
-pub struct Material(usize);
 
 /// Accessors of one shape; meshes may share them.
 #[derive(Clone, Copy, Debug)]
@@ -126,73 +125,6 @@ impl Gltf {
             extensions: BTreeSet::new(),
             scene_extras: Map::new(),
         }
-    }
-
-    /// Pure Lambert of this reflectance.
-    pub fn diffuse(&mut self, name: &str, reflectance: [f32; 3]) -> Material {
-        let extensions = self.no_specular();
-        self.material(json!({
-            "name": name,
-            "doubleSided": true,
-            "pbrMetallicRoughness": pbr(reflectance, 0.0, 1.0),
-            "extensions": extensions,
-        }))
-    }
-
-    /// GGX metal of this reflectance at normal incidence; `alpha = roughness^2`.
-    pub fn metal(&mut self, name: &str, reflectance: [f32; 3], roughness: f32) -> Material {
-        self.material(json!({
-            "name": name,
-            "doubleSided": true,
-            "pbrMetallicRoughness": pbr(reflectance, 1.0, roughness),
-        }))
-    }
-
-    /// Lambert under a dielectric coat of index 1.5.
-    pub fn plastic(&mut self, name: &str, reflectance: [f32; 3], roughness: f32) -> Material {
-        self.material(json!({
-            "name": name,
-            "doubleSided": true,
-            "pbrMetallicRoughness": pbr(reflectance, 0.0, roughness),
-        }))
-    }
-
-    /// Clear, smooth, solid glass of this index of refraction.
-    pub fn glass(&mut self, name: &str, ior: f32) -> Material {
-        let thickness = number(self.scale.length(1.0));
-        self.extensions.extend(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_ior"]);
-        self.material(json!({
-            "name": name,
-            "pbrMetallicRoughness": pbr([1.0; 3], 0.0, 0.0),
-            "extensions": {
-                "KHR_materials_transmission": { "transmissionFactor": 1.0 },
-                "KHR_materials_volume": { "thicknessFactor": thickness },
-                "KHR_materials_ior": { "ior": number(ior) },
-            },
-        }))
-    }
-
-    /// Emits `color * strength` W/sr/m^2 from its front side and reflects nothing.
-    pub fn emitter(&mut self, name: &str, color: [f32; 3], strength: f32) -> Material {
-        self.extensions.insert("KHR_materials_emissive_strength");
-        let mut extensions = self.no_specular();
-        extensions["KHR_materials_emissive_strength"] = json!({ "emissiveStrength": number(strength) });
-        self.material(json!({
-            "name": name,
-            "pbrMetallicRoughness": pbr([0.0; 3], 0.0, 1.0),
-            "emissiveFactor": numbers(&color),
-            "extensions": extensions,
-        }))
-    }
-
-    fn no_specular(&mut self) -> Value {
-        self.extensions.insert("KHR_materials_specular");
-        json!({ "KHR_materials_specular": { "specularFactor": 0.0 } })
-    }
-
-    fn material(&mut self, material: Value) -> Material {
-        self.materials.push(material);
-        Material(self.materials.len() - 1)
     }
 
     /// Stores a shape whose vertices are metres.
@@ -362,74 +294,4 @@ impl Gltf {
         self.accessors.push(accessor);
         self.accessors.len() - 1
     }
-
-    fn document(&self, buffer: Value) -> Map<String, Value> {
-        let mut scene = json!({ "nodes": (0..self.nodes.len()).collect::<Vec<_>>() });
-        if !self.scene_extras.is_empty() {
-            scene["extras"] = self.scene_extras.clone().into();
-        }
-        let lists = [
-            ("nodes", &self.nodes),
-            ("cameras", &self.cameras),
-            ("meshes", &self.meshes),
-            ("materials", &self.materials),
-            ("animations", &self.animations),
-            ("accessors", &self.accessors),
-            ("bufferViews", &self.views),
-        ];
-        let mut document = Map::new();
-        document.insert("asset".to_owned(), json!({ "version": "2.0", "generator": "farm-tests scenes" }));
-        document.insert("extensionsUsed".to_owned(), json!(self.extensions));
-        document.insert("scene".to_owned(), 0.into());
-        document.insert("scenes".to_owned(), json!([scene]));
-        for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
-            document.insert(name.to_owned(), list.clone().into());
-        }
-        document.insert("buffers".to_owned(), json!([buffer]));
-        document
-    }
-
-    /// The document as a text with its buffer inside, one line per entry of its lists.
-    pub fn into_text(self) -> String {
-        let data = base64::engine::general_purpose::STANDARD.encode(&self.bin);
-        let uri = format!("data:application/octet-stream;base64,{data}");
-        let document = self.document(json!({ "byteLength": self.bin.len(), "uri": uri }));
-        let entries = document.into_iter().map(|(name, value)| match value {
-            Value::Array(list) if list.iter().all(Value::is_object) => {
-                let lines: Vec<_> = list.iter().map(|entry| format!("    {entry}")).collect();
-                format!("  \"{name}\": [\n{}\n  ]", lines.join(",\n"))
-            }
-            value => format!("  \"{name}\": {value}"),
-        });
-        format!("{{\n{}\n}}\n", entries.collect::<Vec<_>>().join(",\n"))
-    }
-
-    /// The document as a GLB.
-    pub fn into_glb(mut self) -> Vec<u8> {
-        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
-        let mut json =
-            Value::from(self.document(json!({ "byteLength": self.bin.len() }))).to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let mut glb = b"glTF".to_vec();
-        let word = |value: usize, glb: &mut Vec<u8>| {
-            glb.extend(u32::try_from(value).expect("a scene of less than 4 GB").to_le_bytes());
-        };
-        word(2, &mut glb);
-        word(12 + 8 + json.len() + 8 + self.bin.len(), &mut glb);
-        word(json.len(), &mut glb);
-        glb.extend(b"JSON");
-        glb.extend(json);
-        word(self.bin.len(), &mut glb);
-        glb.extend(b"BIN\0");
-        glb.extend(self.bin);
-        glb
-    }
-}
-
-fn pbr(color: [f32; 3], metallic: f32, roughness: f32) -> Value {
-    json!({
-        "baseColorFactor": numbers(&[color[0], color[1], color[2], 1.0]),
-        "metallicFactor": number(metallic),
-        "roughnessFactor": number(roughness),
-    })
 }

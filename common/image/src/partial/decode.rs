@@ -26,7 +26,7 @@ impl Default for PartialLimits {
 }
 
 /// The film tile that `bytes` hold, bit for bit, with its facts. Takes bytes of any origin: whatever is not exactly what
-/// [`encode_partial`] writes is refused, and nothing is allocated that is larger than `bytes`.
+/// [`encode_partial`](super::encode_partial) writes is refused, and nothing is allocated that is larger than `bytes`.
 /// Sums may still be infinite or NaN; whether to take those is the receiver's decision.
 pub fn decode_partial(bytes: &[u8], limits: PartialLimits) -> Result<(FilmTile, PartialHeader), ImageError> {
     guarded(|| decode(bytes, limits))
