@@ -5,6 +5,8 @@
 
 use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 
+use crate::math;
+
 /// A linear map followed by a translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Affine {
@@ -52,9 +54,15 @@ impl Affine {
     /// flattens it away.
     #[inline]
     pub fn normal(&self, n: Vec3) -> Vec3 {
+        self.normal_f64(n.as_dvec3()).as_vec3()
+    }
+
+    /// The image of a normal before rounding.
+    #[inline]
+    pub fn normal_f64(&self, n: DVec3) -> DVec3 {
         let [x, y, z] = self.columns();
-        let (n, sign) = (n.as_dvec3(), if self.mirrors() { -1.0 } else { 1.0 });
-        unit((y.cross(z) * n.x + z.cross(x) * n.y + x.cross(y) * n.z) * sign).as_vec3()
+        let sign = if self.mirrors() { -1.0 } else { 1.0 };
+        unit((y.cross(z) * n.x + z.cross(x) * n.y + x.cross(y) * n.z) * sign)
     }
 
     /// Determinant of the linear part.
@@ -241,7 +249,7 @@ impl Arc {
         if sine == 0.0 {
             return Self { q0, side: DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0), angle: 0.0 };
         }
-        Self { q0, side: scaled(across, 1.0 / sine), angle: libm::atan2(sine, dot(q0, q1)) }
+        Self { q0, side: scaled(across, 1.0 / sine), angle: math::atan2_f64(sine, dot(q0, q1)) }
     }
 
     #[inline]
@@ -249,7 +257,7 @@ impl Arc {
         if self.angle == 0.0 {
             return self.q0;
         }
-        let (sine, cosine) = libm::sincos(f * self.angle);
+        let (sine, cosine) = (math::sin_f64(f * self.angle), math::cos_f64(f * self.angle));
         combine(self.q0, cosine, self.side, sine)
     }
 }

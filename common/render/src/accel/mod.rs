@@ -124,14 +124,23 @@ impl Accel {
     }
 
     #[inline]
-    fn query<const ANY: bool, F: FnMut(&Hit) -> bool>(&self, ray: &Ray, filter: F) -> Option<Hit> {
+    fn query<const ANY: bool, F: FnMut(&Hit) -> bool>(&self, ray: &Ray, mut filter: F) -> Option<Hit> {
         #[cfg(target_arch = "x86_64")]
         if self.avx2 {
             // SAFETY: the processor has AVX2, asked once at the build.
             return unsafe { query_avx2::<ANY, F>(self, ray, filter) };
         }
-        query::<Portable, ANY, F>(self, ray, filter)
+        query_portable::<ANY>(self, ray, &mut filter)
     }
+}
+
+/// The fallback; compiled once for all filters, because its speed matters less than its size.
+fn query_portable<const ANY: bool>(
+    accel: &Accel,
+    ray: &Ray,
+    filter: &mut dyn FnMut(&Hit) -> bool,
+) -> Option<Hit> {
+    query::<Portable, ANY, _>(accel, ray, filter)
 }
 
 /// Compiled for AVX2 with everything below it.

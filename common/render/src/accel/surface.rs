@@ -75,7 +75,7 @@ fn on_world_triangle(corners: [Vec3; 3], hit: &Hit, map: Affine) -> SurfacePoint
 fn on_object_triangle(corners: [Vec3; 3], hit: &Hit, map: Affine) -> SurfacePoint {
     let corners = corners.map(|p| p.as_dvec3());
     let local = interpolated(corners, hit);
-    let normal = map.normal(area_normal(corners).as_vec3());
+    let normal = map.normal_f64(area_normal(corners)).as_vec3();
     mapped(local, size(corners), normal, map)
 }
 
@@ -86,14 +86,16 @@ fn on_shape(shape: Shape, hit: &Hit, map: Affine) -> SurfacePoint {
 
 fn mapped(local: DVec3, size: f64, normal: Vec3, map: Affine) -> SurfacePoint {
     let point = map.point_f64(local);
-    let rounded_there = local.abs() * ROUND + DVec3::splat(size * STEP);
+    let rounded_there = local.abs() * ROUND;
     let m = &map.linear;
     let magnitude = [m.x_axis, m.y_axis, m.z_axis].map(|column| column.abs().as_dvec3());
+    let reach = magnitude.iter().fold(0.0, |reach: f64, column| reach.max(column.max_element()));
     // The ray's start is rounded in world space, and once more in object space.
     let error = point.abs() * ROUND
         + magnitude[0] * rounded_there.x
         + magnitude[1] * rounded_there.y
-        + magnitude[2] * rounded_there.z;
+        + magnitude[2] * rounded_there.z
+        + DVec3::splat(size * reach * STEP);
     surface_point(point, error, normal, map)
 }
 

@@ -162,7 +162,7 @@ pub(super) fn finish(packet: &Packet, found: &Candidates, lane: usize, ray: &Loc
     if found.unsure & (1 << lane) != 0 {
         meeting = decide(&corners, ray)?;
     }
-    if !(meeting.t >= 0.0) {
+    if meeting.t.is_nan() || meeting.t < 0.0 {
         return None;
     }
     let (low, high) =
