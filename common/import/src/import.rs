@@ -100,8 +100,7 @@ impl Context<'_> {
         let uv_sets = materials.compact_uv_sets();
         let meshes = self.read_meshes(&wanted, &uv_sets, &mut scene, &mut report)?;
         scene.materials = materials.materials;
-        scene.textures = materials.textures.textures;
-        scene.images = materials.textures.images;
+        (scene.textures, scene.images) = materials.textures.decode()?;
         self.add_instances(&mut scene, &selection, &drawn, &meshes)?;
         self.add_skins_and_weights(&mut scene, &selection)?;
         self.add_copies(&mut scene, &selection)?;

@@ -12,6 +12,8 @@ use gltf::json::texture::{Info, MagFilter as FileFilter, MinFilter, Sampler, Wra
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root};
 use image::{DynamicImage, ImageReader, Limits};
+use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
@@ -27,8 +29,8 @@ pub(crate) struct Textures<'a> {
     pub accessors: &'a Accessors<'a>,
     pub source: &'a Source,
     pub warnings: &'a Warnings,
-    pub textures: Vec<Texture>,
-    pub images: Vec<Image>,
+    textures: Vec<Texture>,
+    images: Vec<Encoded<'a>>,
     numbers: BTreeMap<(u32, [u8; 3], bool), u32>,
     image_numbers: BTreeMap<Origin<'a>, u32>,
 }
@@ -38,6 +40,13 @@ pub(crate) struct Textures<'a> {
 enum Origin<'a> {
     Uri(&'a str),
     View(usize),
+}
+
+/// An image that is still to be decoded.
+struct Encoded<'a> {
+    name: String,
+    place: String,
+    bytes: Cow<'a, [u8]>,
 }
 
 /// A texture as a material's property names it.
@@ -99,6 +108,18 @@ impl<'a> Textures<'a> {
         Ok(Some(TextureRef { texture: number, uv_set, matrix, offset }))
     }
 
+    /// Decodes the images, several at a time: that is most of what importing takes.
+    pub fn decode(self) -> Result<(Vec<Texture>, Vec<Image>), Fault> {
+        let decode = |encoded: Encoded| {
+            let Encoded { name, place, bytes } = encoded;
+            let decoded = decode(&bytes).map_err(|what| Fault::at(place, what))?;
+            let (width, height) = (decoded.width(), decoded.height());
+            Ok(Image { name, width, height, pixels: pixels_of(decoded) })
+        };
+        let images: Vec<Result<Image, Fault>> = self.images.into_par_iter().map(decode).collect();
+        Ok((self.textures, images.into_iter().collect::<Result<_, _>>()?))
+    }
+
     fn image(&mut self, index: usize, place: &Place) -> Result<u32, Fault> {
         let root = self.root;
         let image = &root.images[index];
@@ -113,38 +134,39 @@ impl<'a> Textures<'a> {
         if let Some(&number) = self.image_numbers.get(&origin) {
             return Ok(number);
         }
-        let decoded = match origin {
-            Origin::Uri(uri) => decode(&self.source.fetch(uri, IMAGE_BYTES_MAX, &place)?, &place)?,
-            Origin::View(view) => decode(self.accessors.view(Index::new(view as u32), &place)?, &place)?,
+        let bytes = match origin {
+            Origin::Uri(uri) => Cow::Owned(self.source.fetch(uri, IMAGE_BYTES_MAX, &place)?),
+            Origin::View(view) => Cow::Borrowed(self.accessors.view(Index::new(view as u32), &place)?),
         };
         let uri = image.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
         let name = image.name.as_deref().or(uri).unwrap_or_default().to_owned();
-        let (width, height) = (decoded.width(), decoded.height());
         let number = self.images.len() as u32;
-        self.images.push(Image { name, width, height, pixels: pixels_of(decoded) });
+        self.images.push(Encoded { name, place: place.to_string(), bytes });
         self.image_numbers.insert(origin, number);
         Ok(number)
     }
 }
 
 /// Decodes a PNG or JPEG; its first bytes, not its name or type, tell which.
-fn decode(bytes: &[u8], place: &Place) -> Result<DynamicImage, Fault> {
+fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     if bytes.starts_with(b"\xabKTX 20\xbb") {
-        return Err(place
-            .fault("is a KTX2 image (KHR_texture_basisu), which cannot be read; convert it to PNG or JPEG"));
+        let what = "is a KTX2 image (KHR_texture_basisu), which cannot be read; convert it to PNG or JPEG";
+        return Err(what.to_owned());
     }
     let mut limits = Limits::default();
     limits.max_image_width = Some(IMAGE_SIDE_MAX);
     limits.max_image_height = Some(IMAGE_SIDE_MAX);
     limits.max_alloc = Some(IMAGE_BYTES_MAX);
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|err| place.fault(format!("cannot be read: {err}")))?;
-    let known = matches!(reader.format(), Some(image::ImageFormat::Png | image::ImageFormat::Jpeg));
-    place.ensure(known, || "is neither PNG nor JPEG; convert it to one of them".to_owned())?;
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+    let mut reader = reader.map_err(|err| format!("cannot be read: {err}"))?;
+    if !matches!(reader.format(), Some(image::ImageFormat::Png | image::ImageFormat::Jpeg)) {
+        return Err("is neither PNG nor JPEG; convert it to one of them".to_owned());
+    }
     reader.limits(limits);
-    let image = reader.decode().map_err(|err| place.fault(format!("cannot be decoded: {err}")))?;
-    place.ensure(image.width() > 0 && image.height() > 0, || "has no pixels".to_owned())?;
+    let image = reader.decode().map_err(|err| format!("cannot be decoded: {err}"))?;
+    if image.width() == 0 || image.height() == 0 {
+        return Err("has no pixels".to_owned());
+    }
     Ok(image)
 }
 

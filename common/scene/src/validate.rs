@@ -49,6 +49,8 @@ impl Scene {
     }
 
     fn validate_nodes(&self) -> Result<(), SceneError> {
+        // Looked up once per mesh: a mesh of many vertices may have many instances.
+        let joints_needed: Vec<usize> = self.meshes.iter().map(joints_needed).collect();
         for (index, node) in self.nodes.iter().enumerate() {
             let place = || format!("node {index} {:?}", node.name);
             ensure(
@@ -76,10 +78,10 @@ impl Scene {
                     place,
                     "has another number of morph weights than its mesh has targets",
                 )?;
-                if let (Some(skin), Some(skinning)) = (node.skin, &mesh.skinning) {
-                    let joints = self.skins[skin as usize].joints.len();
-                    let known = skinning.joints.iter().all(|&joint| usize::from(joint) < joints);
-                    ensure(known, place, "its mesh refers to joints that its skin does not have")?;
+                if let Some(skin) = node.skin {
+                    let known =
+                        joints_needed[instance.mesh as usize] <= self.skins[skin as usize].joints.len();
+                    ensure(known, place, "has a mesh that refers to joints that its skin does not have")?;
                 }
             }
         }
@@ -183,6 +185,12 @@ impl Material {
         }
         refs.into_iter().flatten()
     }
+}
+
+/// Joints that a skin must have to deform the mesh.
+fn joints_needed(mesh: &Mesh) -> usize {
+    let joints = mesh.skinning.iter().flat_map(|skinning| &skinning.joints);
+    joints.max().map_or(0, |&last| usize::from(last) + 1)
 }
 
 fn validate_mesh(mesh: &Mesh, place: impl Fn() -> String) -> Result<(), SceneError> {
