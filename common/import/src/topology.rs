@@ -43,8 +43,9 @@ pub(crate) fn read(
         Some((reader, _)) => reader.integers::<1>(slot)[0],
         None => slot as u32,
     };
-    let Some((corners, left_over)) = triangles(mode, listed) else { return Ok(None) };
-    let mut triangles: Vec<[u32; 3]> = corners.map(|corners| corners.map(at)).collect();
+    let Some(count) = triangle_count(mode, listed) else { return Ok(None) };
+    let mut triangles: Vec<[u32; 3]> = (0..count).map(|triangle| corners(mode, triangle).map(at)).collect();
+    let left_over = if matches!(mode, Mode::Triangles) { listed % 3 } else { 0 };
     if let Some(&wrong) = triangles.iter().flatten().find(|&&vertex| vertex >= vertex_count) {
         let index = indices.map_or(0, |index| index.value());
         return Err(place
@@ -55,16 +56,23 @@ pub(crate) fn read(
     Ok(Some(Topology { triangles, vertices, left_over }))
 }
 
-/// Slots of the triangles' corners in a list of `listed` vertices (glTF 2.0, section 3.7.2.1), and how many are left over.
-fn triangles(mode: Mode, listed: usize) -> Option<(Box<dyn Iterator<Item = [usize; 3]>>, usize)> {
-    let strip = listed.saturating_sub(2);
-    Some(match mode {
-        Mode::Triangles => (Box::new((0..listed / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2])), listed % 3),
+/// Triangles in a list of `listed` vertices; none for points and lines.
+fn triangle_count(mode: Mode, listed: usize) -> Option<usize> {
+    match mode {
+        Mode::Triangles => Some(listed / 3),
+        Mode::TriangleStrip | Mode::TriangleFan => Some(listed.saturating_sub(2)),
+        Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => None,
+    }
+}
+
+/// Places of a triangle's corners in the list (glTF 2.0, section 3.7.2.1).
+fn corners(mode: Mode, triangle: usize) -> [usize; 3] {
+    match mode {
         // Every other triangle is turned, so that all face the same way.
-        Mode::TriangleStrip => (Box::new((0..strip).map(|i| [i, i + 1 + i % 2, i + 2 - i % 2])), 0),
-        Mode::TriangleFan => (Box::new((0..strip).map(|i| [i + 1, i + 2, 0])), 0),
-        Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip => return None,
-    })
+        Mode::TriangleStrip => [triangle, triangle + 1 + triangle % 2, triangle + 2 - triangle % 2],
+        Mode::TriangleFan => [triangle + 1, triangle + 2, 0],
+        _ => [3 * triangle, 3 * triangle + 1, 3 * triangle + 2],
+    }
 }
 
 /// Renumbers the vertices so that only used ones remain, in their order; gives the old number of each.
@@ -102,20 +110,21 @@ pub(crate) fn gather<const N: usize>(reader: &Reader, vertices: &[u32]) -> impl 
 mod tests {
     use super::*;
 
-    fn corners(mode: Mode, listed: usize) -> (Vec<[usize; 3]>, usize) {
-        let (corners, left_over) = triangles(mode, listed).expect("triangles");
-        (corners.collect(), left_over)
+    fn all(mode: Mode, listed: usize) -> Vec<[usize; 3]> {
+        (0..triangle_count(mode, listed).expect("triangles"))
+            .map(|triangle| corners(mode, triangle))
+            .collect()
     }
 
     #[test]
     fn strips_and_fans_keep_their_winding() {
-        assert_eq!(corners(Mode::Triangles, 8), (vec![[0, 1, 2], [3, 4, 5]], 2));
-        assert_eq!(corners(Mode::TriangleStrip, 5).0, [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
-        assert_eq!(corners(Mode::TriangleFan, 5).0, [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
+        assert_eq!(all(Mode::Triangles, 8), [[0, 1, 2], [3, 4, 5]]);
+        assert_eq!(all(Mode::TriangleStrip, 5), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
+        assert_eq!(all(Mode::TriangleFan, 5), [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
         for listed in 0..3 {
-            assert!(corners(Mode::TriangleStrip, listed).0.is_empty());
+            assert!(all(Mode::TriangleStrip, listed).is_empty());
         }
-        assert!(triangles(Mode::Lines, 8).is_none());
+        assert_eq!(triangle_count(Mode::Lines, 8), None);
     }
 
     #[test]
