@@ -74,11 +74,11 @@ pub fn cornell(scale: Scale) -> Gltf {
     .enumerate()
     {
         let material = gltf.plastic(&format!("pearl {index}"), color, 0.4);
-        ball(&mut gltf, &format!("pearl {index}"), material, [1.24 - 0.28 * z, 0.11, z], 0.11);
+        ball(&mut gltf, &format!("pearl {index}"), material, [1.16 + 0.17 * z, 0.11, z], 0.11);
     }
     // Before the lens: out of focus, at the left edge.
     ball(&mut gltf, "near", gold, [-1.02, 0.12, 1.22], 0.12);
-    gltf.camera(View { lens: Some((0.1, 4.68)), shutter: Some((0.0, 0.02)), ..VIEW });
+    gltf.camera(View { lens: Some((0.14, 4.68)), shutter: Some((0.0, 0.02)), ..VIEW });
     gltf
 }
 
