@@ -116,12 +116,10 @@ pub fn sin_cos_octant(x: f32) -> (f32, f32) {
 pub fn sin_cos_turns(u: f32) -> (f32, f32) {
     let quarter = (u * 4.0 + 0.5) as i32;
     let (sin, cos) = sin_cos_octant((u - quarter as f32 * 0.25) * TAU);
-    match quarter & 3 {
-        0 => (sin, cos),
-        1 => (cos, -sin),
-        2 => (-sin, -cos),
-        _ => (-cos, sin),
-    }
+    // Without branches: which quarter it is, is as good as random.
+    let (sin, cos) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
+    let negate_if_second_bit = |x: f32, q: i32| f32::from_bits(x.to_bits() ^ ((q as u32 & 2) << 30));
+    (negate_if_second_bit(sin, quarter), negate_if_second_bit(cos, quarter + 1))
 }
 
 /// Square root of `x`, or 0 where rounding has made it negative.

@@ -3,7 +3,7 @@
 use super::energy::{self, Compensation};
 use super::fresnel::Schlick;
 use super::ggx::{Ggx, reflect};
-use super::{BsdfSample, Lambert};
+use super::{BsdfSample, Lambert, NOTHING};
 use crate::math::INV_PI;
 use glam::Vec3;
 
@@ -46,30 +46,21 @@ impl Conductor {
     }
 
     /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z <= 0.0 || self.ggx.is_delta() {
-            return Vec3::ZERO;
+            return NOTHING;
         }
         let sum = wo + wi;
         let length = sum.length();
-        let h = sum / length;
+        let facets = self.ggx.reflection(wo, wi, sum / length);
         // Both directions are of unit length, so half that of their sum is the cosine to the microfacet, the same either way.
-        let single = self.fresnel.at(0.5 * length) * (self.ggx.density(h) * self.ggx.visibility(wo, wi));
+        let single = self.fresnel.at(0.5 * length) * facets.scattering;
         match self.compensation(wo) {
-            None => single,
-            Some(lost) => single + self.multiple(&lost, wi) * INV_PI,
-        }
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z <= 0.0 || wi.z <= 0.0 || self.ggx.is_delta() {
-            return 0.0;
-        }
-        let single = self.ggx.reflection_pdf(wo, (wo + wi).normalize());
-        match self.compensation(wo) {
-            None => single,
-            Some(lost) => (1.0 - lost.at_wo) * single + lost.at_wo * wi.z * INV_PI,
+            None => (single, facets.pdf),
+            Some(lost) => (
+                single + self.multiple(&lost, wi) * INV_PI,
+                (1.0 - lost.at_wo) * facets.pdf + lost.at_wo * wi.z * INV_PI,
+            ),
         }
     }
 
@@ -101,8 +92,8 @@ impl Conductor {
         let uv = [u[0], u[1]];
         let drawn =
             if u[2] < broad { Lambert::new(Vec3::ONE).sample(wo, u) } else { self.sample_single(wo, uv) }?;
-        let pdf = self.pdf(wo, drawn.wi);
-        Some(BsdfSample::reflection(drawn.wi, self.eval(wo, drawn.wi) * (drawn.wi.z / pdf), pdf))
+        let (f, pdf) = self.eval_pdf(wo, drawn.wi);
+        Some(BsdfSample::reflection(drawn.wi, f * (drawn.wi.z / pdf), pdf))
     }
 
     fn compensation(&self, wo: Vec3) -> Option<Compensation> {

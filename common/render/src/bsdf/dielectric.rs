@@ -1,8 +1,8 @@
 //! The interface to the inside of a solid transparent body.
 
-use super::BsdfSample;
 use super::fresnel::interface;
 use super::ggx::{Ggx, reflect};
+use super::{BsdfSample, NOTHING};
 use glam::Vec3;
 
 /// Smallest spread in radians that refraction by microfacets can have and single precision can still resolve.
@@ -21,15 +21,6 @@ pub struct Dielectric {
     ior: f32,
 }
 
-/// A microfacet that sends light from one direction into another.
-struct Facet {
-    reflectance: f32,
-    /// Density of GGX at the facet's normal.
-    density: f32,
-    /// See [`spread`]; unused for reflection.
-    spread: f32,
-}
-
 impl Dielectric {
     /// Perceptual roughness in [0, 1]; `ior` is that of the inside relative to the outside, > 0.
     pub fn new(tint: Vec3, roughness: f32, ior: f32) -> Self {
@@ -46,48 +37,22 @@ impl Dielectric {
         if wo.z > 0.0 { self.ior } else { 1.0 / self.ior }
     }
 
-    fn facet(&self, wo: Vec3, wi: Vec3, eta: f32) -> Option<Facet> {
+    /// See [`super::Bsdf`].
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        let (wo, wi, eta) = (upright(wo, wo), upright(wi, wo), self.eta(wo));
+        if self.is_delta() || wo.z == 0.0 || wi.z == 0.0 {
+            return NOTHING;
+        }
         let reflected = wi.z > 0.0;
-        let sum = if reflected { wo + wi } else { wo + wi * eta };
-        let h = sum.try_normalize()?;
-        let h = if h.z < 0.0 { -h } else { h };
-        let (cos_o, cos_i) = (wo.dot(h), wi.dot(h));
-        // A facet that is seen from behind, or that would have to reflect through itself.
-        if cos_o <= 0.0 || (cos_i > 0.0) != reflected {
-            return None;
-        }
+        let Some(h) = half_vector(wo, wi, if reflected { 1.0 } else { eta }) else { return NOTHING };
+        let cos_o = wo.dot(h);
         let met = interface(cos_o, eta);
-        let spread = spread(cos_o, met.eta_cos_t, eta);
-        Some(Facet { reflectance: met.reflectance, density: self.ggx.density(h), spread })
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        let (wo, wi, eta) = (upright(wo, wo), upright(wi, wo), self.eta(wo));
-        if self.is_delta() || wo.z == 0.0 || wi.z == 0.0 {
-            return Vec3::ZERO;
-        }
-        let Some(facet) = self.facet(wo, wi, eta) else { return Vec3::ZERO };
-        let single = facet.density * self.ggx.visibility(wo, wi);
-        if wi.z > 0.0 {
-            Vec3::splat(facet.reflectance * single)
+        let facets = self.ggx.reflection(wo, wi, h);
+        if reflected {
+            (Vec3::splat(met.reflectance * facets.scattering), met.reflectance * facets.pdf)
         } else {
-            self.tint * ((1.0 - facet.reflectance) * 4.0 * single * facet.spread / (eta * eta))
-        }
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let (wo, wi, eta) = (upright(wo, wo), upright(wi, wo), self.eta(wo));
-        if self.is_delta() || wo.z == 0.0 || wi.z == 0.0 {
-            return 0.0;
-        }
-        let Some(facet) = self.facet(wo, wi, eta) else { return 0.0 };
-        let visible = facet.density * self.ggx.reflection_scale(wo);
-        if wi.z > 0.0 {
-            facet.reflectance * visible
-        } else {
-            (1.0 - facet.reflectance) * 4.0 * visible * facet.spread
+            let share = (1.0 - met.reflectance) * 4.0 * spread(cos_o, met.eta_cos_t, eta);
+            (self.tint * (share * facets.scattering / (eta * eta)), share * facets.pdf)
         }
     }
 
@@ -124,6 +89,15 @@ impl Dielectric {
         let eta = if transmission { eta } else { 1.0 };
         Some(BsdfSample { wi: upright(wi, side), weight, pdf, delta, transmission, eta })
     }
+}
+
+/// Normal of the microfacets that send light between two directions of relative index `eta`, or none: such a facet would be seen
+/// from behind, or light would have to pass on the same side.
+fn half_vector(wo: Vec3, wi: Vec3, eta: f32) -> Option<Vec3> {
+    let h = (wo + wi * eta).try_normalize()?;
+    let h = if h.z < 0.0 { -h } else { h };
+    let possible = wo.dot(h) > 0.0 && (wi.dot(h) > 0.0) == (wi.z > 0.0);
+    possible.then_some(h)
 }
 
 /// Solid angle of facet normals over that of refracted directions, times cos(wo, h):
@@ -196,7 +170,7 @@ mod tests {
             (degrees(50.0), -degrees(25.0)),
             (degrees(5.0), -degrees(40.0)),
         ] {
-            let (there, back) = (glass.eval(wo, wi).x, glass.eval(wi, wo).x);
+            let (there, back) = (glass.eval_pdf(wo, wi).0.x, glass.eval_pdf(wi, wo).0.x);
             assert!(there > 0.0, "{wo} {wi}");
             assert!((there * 2.25 - back).abs() <= 2e-5 * back, "{there} x 2.25 against {back}");
         }

@@ -17,6 +17,15 @@ pub struct Ggx {
     alpha: f32,
 }
 
+/// Scattering by perfectly reflecting microfacets of one normal.
+#[derive(Clone, Copy, Debug)]
+pub struct Reflection {
+    /// D G2 / (4 cos cos), in 1/sr.
+    pub scattering: f32,
+    /// D G1 / (4 cos): density of directions mirrored at visible normals.
+    pub pdf: f32,
+}
+
 impl Ggx {
     /// From perceptual roughness in [0, 1]: alpha = roughness^2, as glTF says.
     pub fn from_roughness(roughness: f32) -> Self {
@@ -45,10 +54,13 @@ impl Ggx {
         (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt()
     }
 
-    /// G2 / (4 cos cos) of two directions on the same or on opposite sides.
-    pub fn visibility(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let sum = wi.z.abs() * self.stretched_length(wo) + wo.z.abs() * self.stretched_length(wi);
-        0.5 / sum.max(f32::MIN_POSITIVE)
+    /// What microfacets of normal `h` send from `wi` to `wo`, on the same or on opposite sides, and how often.
+    pub fn reflection(&self, wo: Vec3, wi: Vec3, h: Vec3) -> Reflection {
+        let (zo, zi) = (wo.z.abs(), wi.z.abs());
+        let (lo, li) = (self.stretched_length(wo), self.stretched_length(wi));
+        let half_density = 0.5 * self.density(h);
+        let scattering = half_density / (zi * lo + zo * li).max(f32::MIN_POSITIVE);
+        Reflection { scattering, pdf: half_density / (zo + lo) }
     }
 
     /// G2(wo, wi) / G1(wo): what is left of a sample drawn from the visible normals.
@@ -60,18 +72,13 @@ impl Ggx {
 
     /// Density over solid angle with which `wo`, mirrored at the microfacets of [`Ggx::sample`], goes where `h` sends it.
     pub fn reflection_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
-        self.density(h) * self.reflection_scale(wo)
-    }
-
-    /// G1(wo) / (4 cos): times the density of microfacets, the density of mirrored directions.
-    pub fn reflection_scale(&self, wo: Vec3) -> f32 {
-        0.5 / (wo.z + self.stretched_length(wo))
+        0.5 * self.density(h) / (wo.z.abs() + self.stretched_length(wo))
     }
 
     /// Draws a microfacet's normal among those visible from `wo`, z >= 0 (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with
     /// Spherical Caps"; with 1 - z^2 of the cap's point as a product, so that narrow lobes keep their shape).
     pub fn sample(&self, wo: Vec3, u: [f32; 2]) -> Vec3 {
-        let stretched = Vec3::new(self.alpha * wo.x, self.alpha * wo.y, wo.z).normalize();
+        let stretched = Vec3::new(self.alpha * wo.x, self.alpha * wo.y, wo.z) / self.stretched_length(wo);
         let above = 1.0 + stretched.z;
         let below = (stretched.x * stretched.x + stretched.y * stretched.y) / above;
         let height = (1.0 - u[1]) * above;

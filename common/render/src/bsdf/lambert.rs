@@ -1,6 +1,6 @@
 //! Ideal diffuse reflection.
 
-use super::BsdfSample;
+use super::{BsdfSample, NOTHING};
 use crate::math::INV_PI;
 use crate::sampling;
 use glam::Vec3;
@@ -23,13 +23,11 @@ impl Lambert {
     }
 
     /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wo.z > 0.0 && wi.z > 0.0 { self.albedo * INV_PI } else { Vec3::ZERO }
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z > 0.0 { sampling::cosine_hemisphere_pdf(wi.z) } else { 0.0 }
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return NOTHING;
+        }
+        (self.albedo * INV_PI, sampling::cosine_hemisphere_pdf(wi.z))
     }
 
     /// See [`super::Bsdf`].

@@ -1,7 +1,8 @@
 //! glTF's opaque material: a metal mixed with a diffuse base under a reflecting interface.
 
 use super::fresnel::{SCHLICK_MEAN, Schlick, normal_reflectance, schlick_weight};
-use super::{BsdfSample, Conductor};
+use super::ggx::reflect;
+use super::{BsdfSample, Conductor, NOTHING};
 use crate::math::{INV_PI, luminance};
 use crate::sampling;
 use glam::Vec3;
@@ -113,20 +114,18 @@ impl MetallicRoughness {
     }
 
     /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z <= 0.0 {
-            return Vec3::ZERO;
+            return NOTHING;
         }
-        self.diffuse_at(wo, wi) * INV_PI + self.specular.eval(wo, wi)
+        self.eval_pdf_with(wo, wi, self.specular_probability(wo))
     }
 
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return 0.0;
-        }
-        let p = self.specular_probability(wo);
-        p * self.specular.pdf(wo, wi) + (1.0 - p) * sampling::cosine_hemisphere_pdf(wi.z)
+    /// The same, with the probability of sampling the reflection known and both directions above the surface.
+    fn eval_pdf_with(&self, wo: Vec3, wi: Vec3, p: f32) -> (Vec3, f32) {
+        let (specular, specular_pdf) = self.specular.eval_pdf(wo, wi);
+        let f = self.diffuse_at(wo, wi) * INV_PI + specular;
+        (f, p * specular_pdf + (1.0 - p) * sampling::cosine_hemisphere_pdf(wi.z))
     }
 
     /// See [`super::Bsdf`].
@@ -136,21 +135,18 @@ impl MetallicRoughness {
         }
         let p = self.specular_probability(wo);
         let wi = if u[2] < p {
-            let drawn = self.specular.sample(wo, u)?;
-            if drawn.delta {
-                return Some(BsdfSample { weight: drawn.weight / p, pdf: p, ..drawn });
+            if self.specular.ggx().is_delta() {
+                return Some(BsdfSample::mirror(wo, self.specular.fresnel().at(wo.z) / p, p));
             }
-            drawn.wi
+            reflect(wo, self.specular.ggx().sample(wo, [u[0], u[1]]))
         } else {
             sampling::cosine_hemisphere([u[0], u[1]])
         };
         if wi.z <= 0.0 {
             return None;
         }
-        let specular_pdf = self.specular.pdf(wo, wi);
-        let pdf = p * specular_pdf + (1.0 - p) * sampling::cosine_hemisphere_pdf(wi.z);
-        let weight = self.eval(wo, wi) * (wi.z / pdf);
-        Some(BsdfSample::reflection(wi, weight, pdf))
+        let (f, pdf) = self.eval_pdf_with(wo, wi, p);
+        Some(BsdfSample::reflection(wi, f * (wi.z / pdf), pdf))
     }
 }
 
@@ -164,7 +160,7 @@ mod tests {
         let albedo = Vec3::new(0.8, 0.5, 0.1);
         let surface = Surface { base_color: albedo, specular: 0.0, ..Surface::default() };
         let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.0, -0.8, 0.6));
-        assert_eq!(MetallicRoughness::new(&surface).eval(wo, wi), albedo * INV_PI);
+        assert_eq!(MetallicRoughness::new(&surface).eval_pdf(wo, wi).0, albedo * INV_PI);
         assert!(matches!(Bsdf::metallic_roughness(&surface), Bsdf::Lambert(_)));
         let unity = Surface { ior: 1.0, specular: 1.0, ..surface };
         assert!(matches!(Bsdf::metallic_roughness(&unity), Bsdf::Lambert(_)), "index 1 is no interface");
@@ -180,7 +176,7 @@ mod tests {
         };
         let (wo, wi) = (Vec3::new(0.6, 0.0, 0.8), Vec3::new(-0.48, 0.36, 0.8));
         let mixed = MetallicRoughness::new(&surface);
-        assert_eq!(mixed.eval(wo, wi), Conductor::new(surface.base_color, 0.4).eval(wo, wi));
+        assert_eq!(mixed.eval_pdf(wo, wi).0, Conductor::new(surface.base_color, 0.4).eval_pdf(wo, wi).0);
         assert!(matches!(Bsdf::metallic_roughness(&surface), Bsdf::Conductor(_)));
     }
 

@@ -1,6 +1,6 @@
 //! The classic glossy mirror of distribution ray tracing.
 
-use super::BsdfSample;
+use super::{BsdfSample, NOTHING};
 use crate::math::Frame;
 use glam::Vec3;
 
@@ -43,20 +43,19 @@ impl Mirror {
     }
 
     /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        if wi.z <= 0.0 { Vec3::ZERO } else { self.reflectance * (self.pdf(wo, wi) / wi.z) }
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if wo.z <= 0.0 || wi.z <= 0.0 || self.is_delta() {
-            return 0.0;
+            return NOTHING;
         }
         let (r, u, v) = self.square(wo);
         let cos = wi.dot(r);
         let scale = 1.0 / (cos * self.roughness);
         let inside = |side: Vec3| (0.0..1.0).contains(&(wi.dot(side) * scale + self.shift));
-        if cos > 0.0 && inside(u) && inside(v) { self.density(cos) } else { 0.0 }
+        if cos <= 0.0 || !inside(u) || !inside(v) {
+            return NOTHING;
+        }
+        let pdf = self.density(cos);
+        (self.reflectance * (pdf / wi.z), pdf)
     }
 
     fn density(&self, cos: f32) -> f32 {

@@ -39,11 +39,11 @@ use glam::Vec3;
 ///
 /// Directions are unit vectors, point away from the surface, and live in the shading frame, whose normal is +z: `wo` towards where
 /// the light goes, `wi` towards where it comes from. Opaque members are black from below (z <= 0); a surface that looks the same
-/// from both sides turns its frame. Each member has the same three functions:
+/// from both sides turns its frame. Each member has the same two functions:
 ///
-/// - `eval(wo, wi)` is the scattering function f in 1/sr, without the cosine, and 0 for the delta part of a member;
-/// - `pdf(wo, wi)` is the density over solid angle with which `sample(wo, _)` gives `wi`; it integrates to less than 1 where
-///   sampling sometimes gives nothing, and is 0 for the delta part;
+/// - `eval_pdf(wo, wi)` gives the scattering function f in 1/sr, without the cosine, and the density over solid angle with which
+///   `sample(wo, _)` gives `wi`. Both are 0 for the delta part of a member. The density integrates to less than 1 where sampling
+///   sometimes gives nothing;
 /// - `sample(wo, u)` draws a direction by three numbers in [0, 1); `None` means the light is absorbed, and counts as a sample.
 ///
 /// Except for refraction all are reciprocal; light that is refracted obeys f(wo, wi) eta^2 = f(wi, wo) with eta the index where
@@ -94,6 +94,9 @@ impl BsdfSample {
     }
 }
 
+/// Nothing is scattered from one direction into the other.
+const NOTHING: (Vec3, f32) = (Vec3::ZERO, 0.0);
+
 /// Calls the same function of whatever member it is.
 macro_rules! each {
     ($bsdf:expr, $member:ident => $call:expr) => {
@@ -137,14 +140,20 @@ impl Bsdf {
         Self::Mirror(Mirror::new(mirror.reflectance, mirror.roughness, mirror.centered, frame))
     }
 
+    /// Scattering function in 1/sr, without the cosine, and density over solid angle of `sample`: what light sampling needs, for
+    /// little more than the price of one of them.
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
+        each!(self, member => member.eval_pdf(wo, wi))
+    }
+
     /// Scattering function in 1/sr, without the cosine.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        each!(self, member => member.eval(wo, wi))
+        self.eval_pdf(wo, wi).0
     }
 
     /// Density over solid angle of `sample`.
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        each!(self, member => member.pdf(wo, wi))
+        self.eval_pdf(wo, wi).1
     }
 
     /// Draws a direction; `None` means absorbed.

@@ -209,7 +209,9 @@ fn compensated_white_metals_lose_nothing() {
             let given_back: f32 = (0..n)
                 .map(|i| (i as f32 + 0.5) / n as f32)
                 .map(|t| (t, at_cos(t * t)))
-                .map(|(t, wi)| (compensated.eval(wo, wi).x - plain.eval(wo, wi).x) * t * t * 2.0 * t)
+                .map(|(t, wi)| {
+                    (compensated.eval_pdf(wo, wi).0.x - plain.eval_pdf(wo, wi).0.x) * t * t * 2.0 * t
+                })
                 .sum::<f32>()
                 * math::TAU
                 / n as f32;

@@ -1,8 +1,8 @@
 //! An infinitely thin transparent sheet.
 
-use super::BsdfSample;
 use super::fresnel::interface;
 use super::ggx::{Ggx, reflect};
+use super::{BsdfSample, NOTHING};
 use glam::Vec3;
 
 /// glTF's transmission without volume: microfacets reflect by Fresnel's equations of a single interface, and what they do not reflect
@@ -25,39 +25,20 @@ impl Thin {
         self.ggx.is_delta() || self.ior == 1.0
     }
 
-    /// Cosine at the microfacet, density of its normal and both directions brought to the upper side.
-    fn facet(&self, wo: Vec3, wi: Vec3) -> Option<(f32, f32, Vec3, Vec3)> {
+    /// See [`super::Bsdf`].
+    pub fn eval_pdf(&self, wo: Vec3, wi: Vec3) -> (Vec3, f32) {
         if self.is_delta() || wo.z == 0.0 || wi.z == 0.0 {
-            return None;
+            return NOTHING;
         }
+        let transmission = wo.z * wi.z < 0.0;
         let (wo, wi) = (upper(wo), upper(wi));
         let sum = wo + wi;
         let length = sum.length();
-        Some((0.5 * length, self.ggx.density(sum / length), wo, wi))
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn eval(&self, wo: Vec3, wi: Vec3) -> Vec3 {
-        let transmission = wo.z * wi.z < 0.0;
-        let Some((cos, density, wo, wi)) = self.facet(wo, wi) else { return Vec3::ZERO };
-        self.share(cos, transmission).1 * (density * self.ggx.visibility(wo, wi))
-    }
-
-    /// See [`super::Bsdf`].
-    pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let transmission = wo.z * wi.z < 0.0;
-        let Some((cos, density, wo, _)) = self.facet(wo, wi) else { return 0.0 };
-        self.share(cos, transmission).0 * density * self.ggx.reflection_scale(wo)
-    }
-
-    /// Probability and colour of going through or of being reflected.
-    fn share(&self, cos: f32, transmission: bool) -> (f32, Vec3) {
-        let reflectance = interface(cos, self.ior).reflectance;
-        if transmission {
-            (1.0 - reflectance, self.tint * (1.0 - reflectance))
-        } else {
-            (reflectance, Vec3::splat(reflectance))
-        }
+        let facets = self.ggx.reflection(wo, wi, sum / length);
+        let reflectance = interface(0.5 * length, self.ior).reflectance;
+        let (share, colour) =
+            if transmission { (1.0 - reflectance, self.tint) } else { (reflectance, Vec3::ONE) };
+        (colour * (share * facets.scattering), share * facets.pdf)
     }
 
     /// See [`super::Bsdf`].

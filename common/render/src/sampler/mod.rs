@@ -29,8 +29,8 @@ pub struct Sampler {
     sequence: Sequence,
     /// Of the pixel's sequence; of the sample for independent numbers.
     key: u64,
-    /// Low half of the sample index, lowest bit first.
-    index_reversed: u32,
+    /// Low half of the sample index, lowest bit first, ready to be shuffled.
+    index: owen::Digits,
 }
 
 impl Sampler {
@@ -47,23 +47,26 @@ impl Sampler {
         if sequence == Sequence::Independent {
             key = mix(key ^ u64::from(low));
         }
-        Self { sequence, key, index_reversed: low.reverse_bits() }
+        Self { sequence, key, index: owen::Digits::from_reversed(low.reverse_bits()) }
     }
 
     /// A number of the sample and a dimension set, from which any amount of independent randomness can be hashed.
     pub fn key(&self, dimension_set: u32) -> u64 {
-        mix(mix(self.key ^ hash::spread(dimension_set)) ^ u64::from(self.index_reversed))
+        mix(mix(self.key ^ hash::spread(dimension_set)) ^ u64::from(self.index.bits()))
     }
 
     /// The four numbers in [0, 1) of a dimension set. Two sets of one sample are independent of each other.
+    ///
+    /// The first two are distributed best: any box of a power-of-two number of samples holds exactly its share of them. They belong
+    /// to what matters most: a direction, a point of a light.
     pub fn set(&self, dimension_set: u32) -> [f32; 4] {
         let key = mix(self.key ^ hash::spread(dimension_set));
         let bits = match self.sequence {
             Sequence::Sobol => {
-                let index_reversed = owen::scramble_reversed(self.index_reversed, key as u32);
+                let index_reversed = self.index.scramble((key >> 32) as u32);
                 let seeds = hash::four(key);
-                let point = sobol::point_reversed(index_reversed);
-                core::array::from_fn(|i| owen::scramble_reversed(point[i], seeds[i]).reverse_bits())
+                let point = sobol::point_reversed(index_reversed).map(owen::Digits::from_reversed);
+                core::array::from_fn(|i| point[i].scramble(seeds[i]).reverse_bits())
             }
             Sequence::Independent => hash::four(key),
         };

@@ -1,21 +1,40 @@
 //! Owen scrambling by hashing: at each binary digit, the digits before it decide whether it is flipped.
 
-/// Scrambles a fraction whose digits are stored in reverse: the most significant digit is bit 0.
+/// A fraction whose digits are stored in reverse, the most significant as bit 0, after the part of the scrambling that needs no seed.
 ///
 /// Multiplications and additions carry upwards only, so each bit of the result depends on the bits at or below it, which is
 /// what nested scrambling asks for (Laine and Karras 2011; the even multipliers are those of Vegdahl 2021, "Building a Better
 /// LK Hash").
-pub fn scramble_reversed(mut digits: u32, seed: u32) -> u32 {
-    digits ^= digits.wrapping_mul(0x3d20_adea);
-    digits = digits.wrapping_add(seed);
-    digits = digits.wrapping_mul(seed >> 16 | 1);
-    digits ^= digits.wrapping_mul(0x0552_6c56);
-    digits ^ digits.wrapping_mul(0x53a2_2864)
+#[derive(Clone, Copy, Debug)]
+pub struct Digits(u32);
+
+impl Digits {
+    /// From digits in reverse.
+    pub fn from_reversed(digits: u32) -> Self {
+        Self(digits ^ digits.wrapping_mul(0x3d20_adea))
+    }
+
+    /// Different for different fractions.
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The scrambled digits, in reverse.
+    pub fn scramble(self, seed: u32) -> u32 {
+        let mut digits = self.0.wrapping_add(seed);
+        digits = digits.wrapping_mul(seed >> 16 | 1);
+        digits ^= digits.wrapping_mul(0x0552_6c56);
+        digits ^ digits.wrapping_mul(0x53a2_2864)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn scramble_reversed(digits: u32, seed: u32) -> u32 {
+        Digits::from_reversed(digits).scramble(seed)
+    }
 
     #[test]
     fn a_digit_depends_on_the_digits_before_it_only() {
