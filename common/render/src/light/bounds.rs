@@ -23,9 +23,11 @@ pub(super) struct LightBounds {
     pub two_sided: bool,
 }
 
-/// Cosine and sine of max(0, a - b) for angles in [0, pi] given by cosine and sine.
-fn subtract((cos_a, sin_a): (f64, f64), (cos_b, sin_b): (f64, f64)) -> (f64, f64) {
-    if cos_a >= cos_b { (1.0, 0.0) } else { (cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b) }
+/// Cosine of max(0, a - b) for an angle a in [0, pi], given by its cosine, and b in [0, 2 pi), given by cosine and sine; a full half
+/// turn or more leaves nothing of a. Free of branches that would be guessed wrongly: a tree asks at every node.
+fn cos_beyond(cos_a: f64, (cos_b, sin_b): (f64, f64)) -> f64 {
+    let difference = cos_a * cos_b + sine(cos_a) * sin_b;
+    if (cos_a >= cos_b) | (sin_b < 0.0) { 1.0 } else { difference }
 }
 
 fn sine(cosine: f64) -> f64 {
@@ -45,31 +47,29 @@ impl LightBounds {
             // Amidst the lights every direction is possible; a single point at no distance gives nothing.
             return if radius_square > 0.0 { power / radius_square } else { 0.0 };
         }
-        let direction = to_centre / square.sqrt();
-        let sin_square = radius_square / square;
-        let subtended = ((1.0 - sin_square).sqrt(), sin_square.sqrt());
+        let inverse_square = 1.0 / square;
+        let direction = to_centre * inverse_square.sqrt();
+        let sin_square = radius_square * inverse_square;
+        let (cos_subtended, sin_subtended) = ((1.0 - sin_square).sqrt(), sin_square.sqrt());
 
-        let mut cos_emitted = -direction.dot(self.axis.as_dvec3());
-        if self.two_sided {
-            cos_emitted = cos_emitted.abs();
-        }
-        let cos_emitted = cos_emitted.clamp(-1.0, 1.0);
-        let spread = f64::from(self.cos_spread);
-        let off_axis = subtract((cos_emitted, sine(cos_emitted)), (spread, sine(spread)));
-        let (cos_off_axis, _) = subtract(off_axis, subtended);
-        if cos_off_axis <= f64::from(self.cos_falloff) {
-            return 0.0;
-        }
+        // The angle to the nearest emission axis, seen from the place in the box where it is smallest.
+        let to_axis = -direction.dot(self.axis.as_dvec3());
+        let to_axis = if self.two_sided { to_axis.abs() } else { to_axis };
+        let cos_spread = f64::from(self.cos_spread);
+        let sin_spread = sine(cos_spread);
+        let tolerance = (
+            cos_spread * cos_subtended - sin_spread * sin_subtended,
+            sin_spread * cos_subtended + cos_spread * sin_subtended,
+        );
+        let emitted = cos_beyond(to_axis.clamp(-1.0, 1.0), tolerance);
 
-        let cos_received = view.normal.map_or(1.0, |normal| {
-            let cosine = direction.dot(normal).clamp(-1.0, 1.0);
-            subtract((cosine, sine(cosine)), subtended).0
+        let received = view.normal.map_or(1.0, |normal| {
+            cos_beyond(direction.dot(normal).clamp(-1.0, 1.0), (cos_subtended, sin_subtended))
         });
-        if cos_received < -CONE_SLACK {
-            return 0.0;
-        }
         // At the horizon the bound is not the cosine; a little is kept for what lies within its slack.
-        power * cos_off_axis.max(CONE_SLACK) * cos_received.max(CONE_SLACK) / square
+        let importance = power * emitted.max(CONE_SLACK) * received.max(CONE_SLACK) * inverse_square;
+        let visible = (emitted > f64::from(self.cos_falloff)) & (received >= -CONE_SLACK);
+        if visible { importance } else { 0.0 }
     }
 }
 

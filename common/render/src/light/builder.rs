@@ -317,3 +317,54 @@ fn round_down(v: DVec3) -> Vec3 {
 fn round_up(v: DVec3) -> Vec3 {
     -round_down(-v)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{cos_f64, sin_f64};
+
+    /// A triangle on an arm of length 2 that turns about the Y axis; `turns` per unit of time.
+    fn turning(turns: f64) -> impl Fn(f32) -> Pose {
+        move |time| {
+            let angle = core::f64::consts::TAU * turns * f64::from(time);
+            let turn = |p: Vec3| {
+                let (sin, cos) = (sin_f64(angle) as f32, cos_f64(angle) as f32);
+                Vec3::new(p.x * cos + p.z * sin, p.y, p.z * cos - p.x * sin)
+            };
+            let corners = [Vec3::new(2.0, 0.0, 0.0), Vec3::new(2.0, 1.0, 0.0), Vec3::new(2.0, 0.0, 1.0)];
+            triangle_pose(corners.map(turn))
+        }
+    }
+
+    #[test]
+    fn bounds_hold_a_turning_emitter_between_the_times_at_which_it_was_looked_at() {
+        for turns in [0.0, 0.03, 0.25, 1.0, 3.0] {
+            let builder = LightsBuilder::new(0.0, 1.0);
+            let pose = turning(turns);
+            let Ok((bounds, power)) = bound(builder.times(true), &pose, 2.0, false, 0.0) else {
+                panic!("an emitter with area")
+            };
+            assert!((power - 1.0).abs() < 1e-6, "strength 2 on half a square metre, not {power}");
+            for step in 0..=1000 {
+                let pose = pose(step as f32 / 1000.0);
+                for point in pose.outline {
+                    let point = point.as_vec3();
+                    assert!(point.cmpge(bounds.min).all() && point.cmple(bounds.max).all(), "{point}");
+                }
+                let cosine = pose.axis.dot(bounds.axis.as_dvec3());
+                assert!(
+                    cosine >= f64::from(bounds.cos_spread),
+                    "{turns} turns: axis {cosine} outside the cone"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn an_emitter_at_rest_is_looked_at_once() {
+        let builder = LightsBuilder::new(1.0, 2.0);
+        assert_eq!(builder.times(false).collect::<Vec<_>>(), [1.0]);
+        let times: Vec<_> = builder.times(true).collect();
+        assert_eq!((times.len(), times[0], times[MOTION_STEPS as usize]), (17, 1.0, 2.0));
+    }
+}

