@@ -1,7 +1,7 @@
 //! Collects a scene's emitters and makes the table of lights.
 
 use super::{
-    EmitterGeometry, Lights, LightsReport,
+    EmitterGeometry, EmitterTriangle, Lights, LightsReport,
     bounds::{CONE_SLACK, Item, LightBounds, unite},
     chooser::Chooser,
     environment::{EnvironmentLight, luminance},
@@ -222,9 +222,9 @@ fn power_unit(items: &[Item]) -> f64 {
     f64::from_bits(strongest.to_bits() & 0x7ff0_0000_0000_0000)
 }
 
-fn triangle_pose(corners: [Vec3; 3]) -> Pose {
-    let [a, b, c] = corners.map(Vec3::as_dvec3);
-    let normal = (b - a).cross(c - a);
+fn triangle_pose(triangle: EmitterTriangle) -> Pose {
+    let [a, b, c] = triangle.corners.map(Vec3::as_dvec3);
+    let normal = if triangle.mirrored { (c - a).cross(b - a) } else { (b - a).cross(c - a) };
     Pose { outline: [a, b, c, a], axis: normal.normalize_or_zero(), size: 0.5 * normal.length() }
 }
 
@@ -332,7 +332,7 @@ mod tests {
                 Vec3::new(p.x * cos + p.z * sin, p.y, p.z * cos - p.x * sin)
             };
             let corners = [Vec3::new(2.0, 0.0, 0.0), Vec3::new(2.0, 1.0, 0.0), Vec3::new(2.0, 0.0, 1.0)];
-            triangle_pose(corners.map(turn))
+            triangle_pose(EmitterTriangle { corners: corners.map(turn), mirrored: false })
         }
     }
 

@@ -39,11 +39,19 @@ impl Placement {
     }
 }
 
+/// An emissive triangle in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EmitterTriangle {
+    /// In the mesh's order, which a sample's barycentric weights refer to.
+    pub corners: [Vec3; 3],
+    /// Whether they run clockwise seen from the front, as an instance that mirrors makes them.
+    pub mirrored: bool,
+}
+
 /// Tells where emitters are at a time within the shutter. Must give the same answer each time it is asked.
 pub trait EmitterGeometry {
-    /// World-space corners of an emissive triangle, counter-clockwise seen from its front; the transform of an instance that
-    /// mirrors must therefore swap two of them.
-    fn triangle(&self, instance: u32, primitive: u32, time: f32) -> [Vec3; 3];
+    /// Where an emissive triangle is.
+    fn triangle(&self, instance: u32, primitive: u32, time: f32) -> EmitterTriangle;
 
     /// Where the light with this index in `Scene::lights` is.
     fn placement(&self, light: u32, time: f32) -> Placement;

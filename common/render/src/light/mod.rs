@@ -28,7 +28,7 @@ mod tree;
 mod triangle;
 
 pub use builder::{LightsBuilder, TriangleEmitter};
-pub use geometry::{EmitterGeometry, Placement};
+pub use geometry::{EmitterGeometry, EmitterTriangle, Placement};
 pub use report::LightsReport;
 
 use chooser::Chooser;
@@ -103,17 +103,6 @@ pub struct LightSample {
     pub emitter: Emitter,
 }
 
-/// Where a ray meets an analytic shape.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ShapeHit {
-    /// Index in `Scene::lights`.
-    pub light: u32,
-    /// In lengths of the ray's direction.
-    pub distance: f32,
-    /// Towards the ray's origin, W/sr/m^2; black from behind.
-    pub radiance: Vec3,
-}
-
 /// All lights of a scene; made by [`LightsBuilder`].
 #[derive(Debug)]
 pub struct Lights {
@@ -164,11 +153,6 @@ impl Lights {
     /// Whether an environment gives light.
     pub fn has_environment(&self) -> bool {
         self.environment.is_some()
-    }
-
-    /// Whether rays can meet analytic shapes, see [`Lights::meet_shape`].
-    pub fn has_shapes(&self) -> bool {
-        self.report.spheres + self.report.rectangles + self.report.disks > 0
     }
 
     /// A direction towards a light for three uniform numbers in [0, 1): `choice` picks the light, `u` the place on it. None where
@@ -232,9 +216,9 @@ impl Lights {
     ) -> f32 {
         let Some(entry) = self.triangles.find(instance, primitive) else { return 0.0 };
         let view = receiver.view();
-        let corners = geometry.triangle(instance, primitive, receiver.time);
-        let pdf = TriangleView::new(view.point, corners, entry.two_sided)
-            .map_or(0.0, |triangle| triangle.pdf(direction.as_dvec3()));
+        let triangle = geometry.triangle(instance, primitive, receiver.time);
+        let pdf = TriangleView::new(view.point, &triangle, entry.two_sided)
+            .map_or(0.0, |seen| seen.pdf(direction.as_dvec3()));
         self.local_pdf(&view, receiver.time, geometry, entry.emitter, pdf)
     }
 
@@ -278,34 +262,6 @@ impl Lights {
         self.environment.as_ref().map_or(Vec3::ZERO, |environment| environment.radiance(direction))
     }
 
-    /// The first analytic shape on a ray before `distance_max` (in lengths of `direction`), other than the light `except`. They are
-    /// surfaces: opaque, black but for what they emit.
-    pub fn meet_shape(
-        &self,
-        geometry: &impl EmitterGeometry,
-        origin: Vec3,
-        direction: Vec3,
-        distance_max: f32,
-        time: f32,
-        except: Option<u32>,
-    ) -> Option<ShapeHit> {
-        let mut nearest = None;
-        let mut limit = f64::from(distance_max);
-        for local in &self.local {
-            let LocalKind::Shape { shape, radiance } = &local.kind else { continue };
-            if except == Some(local.light) {
-                continue;
-            }
-            let crossing = shape.cross(&geometry.placement(local.light, time), origin, direction);
-            if let Some(crossing) = crossing.filter(|crossing| crossing.distance < limit) {
-                limit = crossing.distance;
-                let radiance = if crossing.lit { *radiance } else { Vec3::ZERO };
-                nearest = Some(ShapeHit { light: local.light, distance: limit as f32, radiance });
-            }
-        }
-        nearest
-    }
-
     fn local_importance(&self, view: &View) -> f64 {
         self.chooser.importance(view) * self.unit
     }
@@ -335,9 +291,9 @@ impl Lights {
         let chosen = share * probability;
         if emitter < self.triangles.len() {
             let entry = self.triangles.get(emitter);
-            let corners = geometry.triangle(entry.instance, entry.primitive, time);
+            let triangle = geometry.triangle(entry.instance, entry.primitive, time);
             let (toward, [second, third]) =
-                TriangleView::new(view.point, corners, entry.two_sided)?.sample(u);
+                TriangleView::new(view.point, &triangle, entry.two_sided)?.sample(u);
             let (instance, primitive) = (entry.instance, entry.primitive);
             let emitter = Emitter::Triangle { instance, primitive, u: second as f32, v: third as f32 };
             return finish(toward.direction, toward.distance, chosen * toward.pdf, false, emitter);
@@ -568,30 +524,5 @@ mod tests {
             let (mean, error) = stage.irradiance(&receiver, 300);
             assert!((mean / expected - 1.0).abs() < 0.05 + 4.0 * error / expected, "{mean} for {expected}");
         }
-    }
-
-    #[test]
-    fn rays_meet_shapes_where_samples_land() {
-        let stage = mixed();
-        let lights = stage.build();
-        let mut chance = Chance(8);
-        let mut misses = 0;
-        for _ in 0..5000 {
-            let receiver = Receiver { point: chance.point() * 2.0, normal: None, time: 0.0 };
-            let u = [chance.next(), chance.next()];
-            let Some(sample) = lights.sample(&receiver, &stage, chance.next(), u) else { continue };
-            let Emitter::Shape { light, radiance } = sample.emitter else { continue };
-            let hit = lights.meet_shape(&stage, receiver.point, sample.direction, f32::INFINITY, 0.0, None);
-            match hit {
-                Some(hit) if hit.light == light => {
-                    assert_eq!(hit.radiance, radiance);
-                    assert!((hit.distance / sample.distance - 1.0).abs() < 1e-2);
-                }
-                // Another shape is in front.
-                Some(hit) => assert!(hit.distance < sample.distance),
-                None => misses += 1,
-            }
-        }
-        assert!(misses < 10, "{misses} samples at an edge were missed by their own ray");
     }
 }

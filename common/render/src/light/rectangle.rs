@@ -30,8 +30,8 @@ impl RectangleView {
     /// None where it is seen edge-on or from behind.
     pub fn new(point: DVec3, [a, b, c, d]: [DVec3; 4]) -> Option<Self> {
         let halves = [
-            TriangleView::between(point, [a, b, c], false)?,
-            TriangleView::between(point, [a, c, d], false)?,
+            TriangleView::between(point, [a, b, c], Some(1.0))?,
+            TriangleView::between(point, [a, c, d], Some(1.0))?,
         ];
         // Where only one half is small both are taken by their angle, so that the two densities agree.
         let angles = match halves.map(|half| half.solid_angle()) {

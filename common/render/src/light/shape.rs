@@ -6,7 +6,7 @@ use super::{
     rectangle::{self, RectangleView},
     sphere::SphereView,
 };
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 /// A surface that emits and scatters nothing. Rectangles and disks emit along the node's -Z, spheres outwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,14 +22,6 @@ pub(super) enum ShapeView {
     Sphere(SphereView),
     Rectangle(RectangleView),
     Disk(DiskView),
-}
-
-/// Where a ray meets a shape.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Crossing {
-    pub distance: f64,
-    /// Whether the side that emits was met.
-    pub lit: bool,
 }
 
 impl Shape {
@@ -75,53 +67,6 @@ impl Shape {
             Self::Rectangle { width, height } => rectangle::corners(placement, width, height),
             Self::Disk { radius } => rectangle::corners(placement, 2.0 * radius, 2.0 * radius),
         }
-    }
-
-    /// The first crossing of the ray with the shape ahead of its origin; `direction` need not have unit length.
-    pub fn cross(&self, placement: &Placement, origin: Vec3, direction: Vec3) -> Option<Crossing> {
-        let (origin, direction) = (origin.as_dvec3(), direction.as_dvec3());
-        let centre = placement.origin.as_dvec3() - origin;
-        let (normal, inside): (DVec3, &dyn Fn(DVec3) -> bool) = match *self {
-            Self::Sphere { radius } => {
-                return cross_sphere(centre, f64::from(radius) * placement.scale(), direction);
-            }
-            Self::Rectangle { width, height } => {
-                let (width, height) = (f64::from(width), f64::from(height));
-                let (x, y, normal) = (placement.x.as_dvec3(), placement.y.as_dvec3(), placement.facing());
-                (normal, &move |offset| {
-                    let square = normal.length_squared();
-                    let frame = x.cross(y);
-                    (offset.cross(y).dot(frame) / square).abs() <= 0.5 * width
-                        && (x.cross(offset).dot(frame) / square).abs() <= 0.5 * height
-                })
-            }
-            Self::Disk { radius } => {
-                let disk = Disk::new(placement, radius);
-                (disk.normal, &move |offset| disk.contains(offset))
-            }
-        };
-        let slope = direction.dot(normal);
-        let distance = centre.dot(normal) / slope;
-        let ahead = distance > 0.0 && distance.is_finite();
-        (ahead && inside(direction * distance - centre)).then_some(Crossing { distance, lit: slope < 0.0 })
-    }
-}
-
-fn cross_sphere(centre: DVec3, radius: f64, direction: DVec3) -> Option<Crossing> {
-    let square = direction.length_squared();
-    let along = centre.dot(direction) / square;
-    // The ray's nearest point to the centre, not b^2 - 4 a c, which cancels for distant spheres.
-    let miss = (centre - direction * along).length_squared();
-    let half = radius * radius - miss;
-    if half < 0.0 || radius <= 0.0 {
-        return None;
-    }
-    let half = (half / square).sqrt();
-    let (near, far) = (along - half, along + half);
-    if near > 0.0 {
-        Some(Crossing { distance: near, lit: true })
-    } else {
-        (far > 0.0).then_some(Crossing { distance: far, lit: false })
     }
 }
 

@@ -1,7 +1,8 @@
 //! Scenes of nothing but lights, for the tests of this folder.
 
 use super::{
-    Emitter, EmitterGeometry, LightSample, Lights, LightsBuilder, Placement, Receiver, TriangleEmitter,
+    Emitter, EmitterGeometry, EmitterTriangle, LightSample, Lights, LightsBuilder, Placement, Receiver,
+    TriangleEmitter,
 };
 use farm_scene::{Environment, Image, LightKind, Pixels};
 use glam::{Quat, Vec3};
@@ -12,14 +13,16 @@ pub struct Stage {
     pub triangles: Vec<[Vec3; 3]>,
     pub radiances: Vec<Vec3>,
     pub two_sided: bool,
+    pub mirrored: bool,
     pub lights: Vec<(LightKind, Placement)>,
     pub velocity: Vec3,
     pub environment: Option<Environment>,
 }
 
 impl EmitterGeometry for Stage {
-    fn triangle(&self, _instance: u32, primitive: u32, time: f32) -> [Vec3; 3] {
-        self.triangles[primitive as usize].map(|corner| corner + self.velocity * time)
+    fn triangle(&self, _instance: u32, primitive: u32, time: f32) -> EmitterTriangle {
+        let corners = self.triangles[primitive as usize].map(|corner| corner + self.velocity * time);
+        EmitterTriangle { corners, mirrored: self.mirrored }
     }
 
     fn placement(&self, light: u32, time: f32) -> Placement {

@@ -1,6 +1,6 @@
 //! Sampling a triangle by the solid angle it subtends.
 
-use super::geometry::Toward;
+use super::geometry::{EmitterTriangle, Toward};
 use crate::math::{atan2_f64, cos_f64, sin_f64};
 use glam::{DVec3, Vec3};
 
@@ -43,12 +43,14 @@ enum Method {
 
 impl TriangleView {
     /// None where the triangle has no area, is seen edge-on or, if one-sided, from behind.
-    pub fn new(point: DVec3, corners: [Vec3; 3], two_sided: bool) -> Option<Self> {
-        Self::between(point, corners.map(Vec3::as_dvec3), two_sided)
+    pub fn new(point: DVec3, triangle: &EmitterTriangle, two_sided: bool) -> Option<Self> {
+        let front = if triangle.mirrored { -1.0 } else { 1.0 };
+        Self::between(point, triangle.corners.map(Vec3::as_dvec3), (!two_sided).then_some(front))
     }
 
-    /// As [`TriangleView::new`], with corners in double precision.
-    pub fn between(point: DVec3, corners: [DVec3; 3], two_sided: bool) -> Option<Self> {
+    /// As [`TriangleView::new`], with corners in double precision. One-sided emission is from the side where they run
+    /// counter-clockwise for `front` = 1 and clockwise for -1.
+    pub fn between(point: DVec3, corners: [DVec3; 3], front: Option<f64>) -> Option<Self> {
         let [a, b, c] = corners;
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
@@ -56,7 +58,7 @@ impl TriangleView {
         let height = -relative[0].dot(normal);
         let squares = relative.map(DVec3::length_squared);
         let edge_on = EDGE_ON * (squares[0] * normal.length_squared()).sqrt();
-        let lit = if two_sided { height.abs() > edge_on } else { height > edge_on };
+        let lit = front.map_or(height.abs(), |front| front * height) > edge_on;
         if !lit || !height.is_finite() {
             return None;
         }
@@ -169,6 +171,10 @@ mod tests {
     use super::*;
     use crate::light::testing::{Chance, Stage, floor};
 
+    fn seen(point: DVec3, corners: [Vec3; 3], two_sided: bool) -> Option<TriangleView> {
+        TriangleView::new(point, &EmitterTriangle { corners, mirrored: false }, two_sided)
+    }
+
     const SHAPES: [[Vec3; 3]; 5] = [
         [Vec3::new(0.0, 1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 1.0)],
         [Vec3::new(-5.0, 0.5, -4.0), Vec3::new(7.0, 0.25, 0.0), Vec3::new(0.0, 1.0, 9.0)],
@@ -198,7 +204,7 @@ mod tests {
     #[test]
     fn the_mean_of_one_over_the_density_is_the_solid_angle() {
         for corners in SHAPES {
-            let view = TriangleView::new(DVec3::ZERO, corners, true).unwrap();
+            let view = seen(DVec3::ZERO, corners, true).unwrap();
             let mut chance = Chance(3);
             let mut sum = 0.0;
             for _ in 0..20_000 {
@@ -230,10 +236,10 @@ mod tests {
             let (ab, bc, ca) = (a.midpoint(b), b.midpoint(c), c.midpoint(a));
             let quarters = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]];
             let angles = quarters.map(|quarter| {
-                TriangleView::new(DVec3::ZERO, quarter, true).unwrap().by_solid_angle().solid_angle().unwrap()
+                seen(DVec3::ZERO, quarter, true).unwrap().by_solid_angle().solid_angle().unwrap()
             });
             let total: f64 = angles.iter().sum();
-            let view = TriangleView::new(DVec3::ZERO, corners, true).unwrap().by_solid_angle();
+            let view = seen(DVec3::ZERO, corners, true).unwrap().by_solid_angle();
             assert!((view.solid_angle().unwrap() / total - 1.0).abs() < 1e-5);
             let mut counts = [0.0; 4];
             let mut chance = Chance(5);
@@ -267,7 +273,7 @@ mod tests {
         for reach in [31.9_f32, 32.1] {
             let corners =
                 [Vec3::new(0.0, reach, 0.0), Vec3::new(0.5, reach, 0.5), Vec3::new(0.5, reach, -0.5)];
-            let view = TriangleView::new(DVec3::ZERO, corners, true).unwrap();
+            let view = seen(DVec3::ZERO, corners, true).unwrap();
             let angle = view.by_solid_angle().solid_angle().unwrap();
             let (toward, _) = view.sample([0.4, 0.4]);
             assert!((toward.pdf * angle - 1.0).abs() < 1e-3, "{} sr", angle);
@@ -277,14 +283,19 @@ mod tests {
     #[test]
     fn edge_on_and_from_behind_there_is_nothing() {
         let corners = [Vec3::new(1.0, 0.0, 0.0), Vec3::new(2.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 3.0)];
-        assert!(TriangleView::new(DVec3::ZERO, corners, true).is_none(), "in the plane");
+        assert!(seen(DVec3::ZERO, corners, true).is_none(), "in the plane");
         let above = DVec3::new(0.0, 1.0, 0.0);
         let (front, back) = (-above, above);
-        assert!(TriangleView::new(front, corners, false).is_some());
-        assert!(TriangleView::new(back, corners, false).is_none());
-        assert!(TriangleView::new(back, corners, true).is_some());
+        assert!(seen(front, corners, false).is_some());
+        assert!(seen(back, corners, false).is_none());
+        assert!(seen(back, corners, true).is_some());
+        let mirrored = EmitterTriangle { corners, mirrored: true };
+        assert!(TriangleView::new(front, &mirrored, false).is_none());
+        let (_, weights) = TriangleView::new(back, &mirrored, false).unwrap().sample([0.3, 0.6]);
+        let (_, plain) = seen(back, corners, true).unwrap().sample([0.3, 0.6]);
+        assert_eq!(weights, plain, "weights belong to the mesh's corners");
         let needle = [Vec3::ZERO, Vec3::X, Vec3::X * 3.0];
-        assert!(TriangleView::new(above, needle, true).is_none(), "without area");
+        assert!(seen(above, needle, true).is_none(), "without area");
     }
 
     #[test]

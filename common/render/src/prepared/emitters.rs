@@ -5,16 +5,18 @@ use super::track::Track;
 use super::{Drawn, World};
 use crate::accel::{Geometry, InstanceDesc};
 use crate::interaction::Corners;
-use crate::light::{EmitterGeometry, Lights, LightsBuilder, Placement, TriangleEmitter};
+use crate::light::{EmitterGeometry, EmitterTriangle, Lights, LightsBuilder, Placement, TriangleEmitter};
 use crate::texture::Textures;
 use crate::transform::MotionTransform;
 use farm_scene::{Light, LightKind, Material, Mesh, Scene, Surface};
 use glam::{DMat3, DVec3, Vec3};
 
 impl EmitterGeometry for World {
-    fn triangle(&self, instance: u32, primitive: u32, time: f32) -> [Vec3; 3] {
-        let [a, b, c] = self.accel.triangle_vertices(instance, primitive, time);
-        if self.accel.transform(instance).at(time).mirrors() { [a, c, b] } else { [a, b, c] }
+    fn triangle(&self, instance: u32, primitive: u32, time: f32) -> EmitterTriangle {
+        EmitterTriangle {
+            corners: self.accel.triangle_vertices(instance, primitive, time),
+            mirrored: self.accel.transform(instance).at(time).mirrors(),
+        }
     }
 
     fn placement(&self, light: u32, time: f32) -> Placement {
