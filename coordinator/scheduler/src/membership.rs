@@ -46,7 +46,15 @@ impl Scheduler {
         let Some(worker) = self.workers.get_mut(id) else { return };
         if worker.draining && !worker.dismissed && worker.leases.is_empty() && worker.storing == 0 {
             worker.dismissed = true;
+            self.dismissed.push(id);
             self.actions.push_back(Action::Disconnect { worker: id, why: WhyDisconnect::Drained });
+        }
+    }
+
+    /// Forgets those that were sent off: their connections end without another word.
+    pub(crate) fn forget_dismissed(&mut self) {
+        while let Some(id) = self.dismissed.pop() {
+            self.workers.remove(id);
         }
     }
 

@@ -36,6 +36,7 @@ impl Scheduler {
         self.hear(delivery.worker);
         let verdict = self.reserve(delivery);
         self.dispatch();
+        self.forget_dismissed();
         verdict
     }
 

@@ -24,6 +24,8 @@ pub struct Scheduler {
     pub(crate) leases: Leases,
     /// Deliveries on their way to the store.
     pub(crate) claims: BTreeSet<Delivery>,
+    /// Workers that were sent off and are forgotten when the event at hand is dealt with.
+    pub(crate) dismissed: Vec<WorkerId>,
     /// Slots of all workers that may be given something.
     pub(crate) slots: u64,
     pub(crate) actions: VecDeque<Action>,
@@ -41,6 +43,7 @@ impl Scheduler {
             workers: Workers::default(),
             health: Health::default(),
             claims: BTreeSet::new(),
+            dismissed: Vec::new(),
             slots: 0,
             actions: VecDeque::new(),
         }
@@ -77,6 +80,7 @@ impl Scheduler {
         }
         self.expire();
         self.dispatch();
+        self.forget_dismissed();
     }
 
     /// The next thing to do; none when all is done.

@@ -164,6 +164,7 @@ fn part_of_a_unit_leaves_the_rest_open() {
     farm.tell(Event::WorkerDraining { worker: A });
     farm.finish(Held { unit: WorkUnit { block: block(160..192), ..whole.unit }, ..whole }, SECOND);
     assert_eq!(farm.news.last(), Some(&Action::Disconnect { worker: A, why: WhyDisconnect::Drained }));
+    assert_eq!(farm.scheduler.status(farm.now).workers, []);
     farm.join(B, 4);
     let rest: Vec<_> = farm.held_by(B).iter().map(|held| held.unit.block.start()).collect();
     assert_eq!(rest.first(), Some(&128));
@@ -305,6 +306,18 @@ fn newcomer_does_not_starve_who_was_there() {
         farm.finish(farm.first_of(A), SECOND);
     }
     let mut farm = farm.submit(tiles_job(100, 16));
+    let order: Vec<u64> = farm.finish_all().iter().take(20).map(|held| held.job.0).collect();
+    assert!(order.iter().filter(|job| **job == 0).count() >= 8, "{order:?}");
+}
+
+#[test]
+fn time_that_a_job_was_paused_is_no_credit() {
+    let mut farm = Farm::with_workers(1).submit(tiles_job(100, 16)).submit(tiles_job(100, 16));
+    farm.tell(Event::JobPaused { job: OTHER_JOB });
+    for _ in 0..50 {
+        farm.finish(farm.first_of(A), SECOND);
+    }
+    farm.tell(Event::JobResumed { job: OTHER_JOB });
     let order: Vec<u64> = farm.finish_all().iter().take(20).map(|held| held.job.0).collect();
     assert!(order.iter().filter(|job| **job == 0).count() >= 8, "{order:?}");
 }
