@@ -20,6 +20,7 @@ mod pose;
 mod references;
 mod report;
 mod source;
+mod studio;
 mod tangents;
 mod texture;
 mod topology;
@@ -28,3 +29,4 @@ pub use environment::{EnvironmentReport, ExrEnvironment, environment_from_pixels
 pub use error::ImportError;
 pub use import::{ImportOptions, Imported, import};
 pub use report::ImportReport;
+pub use studio::{is_lit, studio_environment};

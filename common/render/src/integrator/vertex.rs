@@ -215,15 +215,18 @@ pub(super) fn direct<const CUTOUTS: bool>(
         return Vec3::ZERO;
     };
     let (wo_local, wi_local) = (surface.wo_local, surface.frame.to_local(light.direction));
-    let shared = |bsdf: &Bsdf| {
-        if light.delta { 1.0 } else { power_heuristic(light.pdf, bsdf.pdf(wo_local, wi_local)) }
-    };
-    let all = surface.bsdf.eval(wo_local, wi_local);
+    // Light that another ray may find too is shared with it.
+    let share = |pdf: f32| if light.delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
     let weighted = match followed {
-        _ if all == Vec3::ZERO => Vec3::ZERO,
-        Followed::Nothing => all,
-        Followed::All => all * shared(&surface.bsdf),
-        Followed::Part(part) => all - part.eval(wo_local, wi_local) * (1.0 - shared(part)),
+        Followed::Nothing => surface.bsdf.eval(wo_local, wi_local),
+        Followed::All => {
+            let (all, pdf) = surface.bsdf.eval_pdf(wo_local, wi_local);
+            all * share(pdf)
+        }
+        Followed::Part(part) => {
+            let (followed, pdf) = part.eval_pdf(wo_local, wi_local);
+            surface.bsdf.eval(wo_local, wi_local) - followed * (1.0 - share(pdf))
+        }
     };
     let scattered = weighted * wi_local.z.abs();
     if scattered == Vec3::ZERO || !surface.agrees(light.direction, wi_local) {
