@@ -59,6 +59,21 @@ impl FrameRange {
         Self { first: frame, last: frame, step: 1 }
     }
 
+    /// First frame.
+    pub fn first(self) -> u32 {
+        self.first
+    }
+
+    /// Bound of the last frame, inclusive.
+    pub fn last(self) -> u32 {
+        self.last
+    }
+
+    /// Distance between frames, >= 1.
+    pub fn step(self) -> u32 {
+        self.step
+    }
+
     /// The frames in order.
     pub fn iter(self) -> impl Iterator<Item = FrameIndex> + Clone {
         (self.first..=self.last).step_by(self.step as usize).map(FrameIndex)

@@ -25,6 +25,6 @@ pub use mesh::{Mesh, MorphTarget, Skinning};
 pub use node::{Instance, Node, Skin, Transform};
 pub use scene::Scene;
 pub use settings::{Filter, Integrator, Settings};
-pub use snapshot::{SceneId, SnapshotError, decode, encode};
+pub use snapshot::{SceneId, SnapshotError, decode, encode, settings_digest};
 pub use texture::{Image, MagFilter, Pixels, Texture, TextureRef, Wrap};
 pub use validate::SceneError;

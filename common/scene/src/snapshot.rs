@@ -1,6 +1,6 @@
 //! A scene as bytes, and the name those bytes give it. The only place that knows bincode.
 
-use crate::{Scene, SceneError};
+use crate::{Scene, SceneError, Settings};
 use serde::{Deserialize, Serialize};
 
 /// Most bytes a snapshot may claim while it is decoded: what a worker could hold.
@@ -47,6 +47,14 @@ impl SceneId {
 pub fn encode(scene: &Scene) -> Vec<u8> {
     bincode::serde::encode_to_vec(scene, bincode::config::standard().with_fixed_int_encoding())
         .expect("plain data encodes")
+}
+
+/// Names settings: equal settings have equal digests, and only partials of equal ones are ever merged.
+pub fn settings_digest(settings: &Settings) -> [u8; 32] {
+    let bytes =
+        bincode::serde::encode_to_vec(settings, bincode::config::standard().with_fixed_int_encoding())
+            .expect("plain data encodes");
+    *blake3::hash(&bytes).as_bytes()
 }
 
 /// The scene that `snapshot` holds, checked like any other input.
