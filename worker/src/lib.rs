@@ -1,1 +1,16 @@
-//! placeholder
+//! Renders the units that a coordinator hands out. Keeps nothing that cannot be fetched again, and never executes anything
+//! that a job brings.
+
+pub mod agent;
+pub mod by_hand;
+pub mod cli;
+pub mod client;
+pub mod driver;
+pub mod frames;
+pub mod link;
+pub mod log;
+pub mod program;
+pub mod render_pool;
+pub mod renderer;
+pub mod scene_cache;
+pub mod settings;
