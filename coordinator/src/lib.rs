@@ -1,1 +1,18 @@
-//! placeholder
+//! Splits frames into work units, hands them to workers and merges what comes back. Acknowledges only what is safe.
+
+mod assembly;
+mod check;
+pub mod cli;
+mod client;
+mod driver;
+mod farm;
+mod outputs;
+mod progress;
+mod registry;
+mod report;
+mod serve;
+mod service;
+mod signals;
+mod store;
+mod tally;
+mod views;

@@ -1,0 +1,82 @@
+//! Flags that say how much is rendered, and in which pieces.
+
+use farm_film::Resolution;
+use farm_job::{FrameRange, JobSpec};
+use farm_proto::PARTIAL_BYTES_MAX;
+use farm_worker::cli::{Fault, Loaded};
+
+/// Bytes of a partial beside its pixels.
+const PARTIAL_OVERHEAD: usize = 2 << 20;
+
+/// How much is rendered, and in which pieces.
+#[derive(Clone, Debug, clap::Args)]
+pub struct WorkArgs {
+    /// Samples per pixel
+    #[arg(long, env = "FARM_SPP", allow_negative_numbers = true, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    pub spp: u64,
+
+    /// Frames to render: 5, 1-24 or 1-24x2
+    #[arg(long, env = "FARM_FRAMES", value_name = "A-BxSTEP")]
+    frames: Option<FrameRange>,
+
+    /// Side of a tile in pixels; does not change the picture
+    #[arg(long, env = "FARM_TILE", value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Farm")]
+    tile: u32,
+}
+
+impl WorkArgs {
+    /// Frame 0 when none was asked for.
+    pub fn frames(&self) -> FrameRange {
+        self.frames.unwrap_or(FrameRange::single(0))
+    }
+
+    /// Refuses what cannot be done, before anything is read.
+    pub fn check(&self, resolution: Resolution) -> Result<(), Fault> {
+        check_tile(resolution, self.tile).map_err(Fault::Input)
+    }
+
+    /// The job.
+    pub fn spec(&self, loaded: &Loaded, name: &str, priority: i32) -> Result<JobSpec, Fault> {
+        let spec = JobSpec {
+            name: name.to_owned(),
+            scene: loaded.id,
+            settings: loaded.settings,
+            frames: self.frames(),
+            spp: self.spp,
+            tile_side: self.tile,
+            priority,
+        };
+        spec.validate().map_err(Fault::input)?;
+        Ok(spec)
+    }
+}
+
+/// A tile travels in one message.
+pub fn check_tile(resolution: Resolution, side: u32) -> Result<(), String> {
+    let width = u64::from(side.min(resolution.width()));
+    let bytes = width * u64::from(side.min(resolution.height())) * 12;
+    let allowed = (PARTIAL_BYTES_MAX - PARTIAL_OVERHEAD) as u64;
+    if bytes <= allowed {
+        return Ok(());
+    }
+    Err(format!(
+        "--tile {side} makes tiles of {} MB, and at most {} MB travel at once: use --tile 4096 or less",
+        bytes / 1_000_000,
+        allowed / 1_000_000
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_that_do_not_fit_a_message_are_refused() {
+        let resolution = |width, height| Resolution::new(width, height).unwrap();
+        assert!(check_tile(resolution(960, 540), 65536).is_ok());
+        assert!(check_tile(resolution(5120, 2880), 65536).is_ok());
+        let fault = check_tile(resolution(16384, 16384), 65536).unwrap_err();
+        assert!(fault.contains("--tile 4096"), "{fault}");
+        assert!(check_tile(resolution(65536, 65536), 4096).is_ok());
+    }
+}

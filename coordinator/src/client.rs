@@ -1,0 +1,146 @@
+//! Calls to a coordinator that serves, from the command line.
+
+use bytes::Bytes;
+use farm_film::FrameIndex;
+use farm_job::{JobId, JobSpec, WorkerId};
+use farm_proto::MESSAGE_BYTES_MAX;
+use farm_proto::convert::{ConvertError, JobView, WorkerView};
+use farm_proto::v1::{self, control_client::ControlClient};
+use farm_scene::SceneId;
+use farm_worker::cli::Fault;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Code, Status};
+
+/// A coordinator elsewhere.
+pub struct Client {
+    control: ControlClient<Channel>,
+}
+
+/// What the user asked wrongly is told from what went wrong.
+fn fault(status: Status) -> Fault {
+    let sentence =
+        if status.message().is_empty() { status.code().to_string() } else { status.message().to_owned() };
+    match status.code() {
+        Code::InvalidArgument | Code::NotFound | Code::FailedPrecondition => Fault::input(sentence),
+        _ => Fault::failed(format!("coordinator: {sentence}")),
+    }
+}
+
+fn nonsense(err: ConvertError) -> Fault {
+    Fault::failed(format!("coordinator sent nonsense: {err}"))
+}
+
+impl Client {
+    /// Connects to `HOST:PORT`.
+    pub async fn connect(address: &str) -> Result<Self, Fault> {
+        let endpoint = Endpoint::from_shared(format!("http://{address}")).map_err(|_| {
+            Fault::input(format!("{address:?} is no address of a coordinator: write HOST:PORT"))
+        })?;
+        let channel = endpoint.connect().await.map_err(|_| {
+            Fault::failed(format!("no coordinator at {address}: start one there with coordinator serve"))
+        })?;
+        let control = ControlClient::new(channel)
+            .max_decoding_message_size(MESSAGE_BYTES_MAX)
+            .max_encoding_message_size(MESSAGE_BYTES_MAX);
+        Ok(Self { control })
+    }
+
+    /// Brings a scene, unless it is there already.
+    pub async fn bring(&mut self, scene: SceneId, snapshot: Vec<u8>) -> Result<(), Fault> {
+        let request = v1::MissingScenesRequest { scenes: vec![scene.into()] };
+        let missing = self.control.missing_scenes(request).await.map_err(fault)?.into_inner().scenes;
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let first = v1::PutSceneRequest { scene: Some(scene.into()), data: Bytes::new() };
+        let chunks = crate::registry::chunks(snapshot.into(), 0);
+        let rest = chunks.map(|(_, data)| v1::PutSceneRequest { scene: None, data });
+        self.control
+            .put_scene(tokio_stream::iter(std::iter::once(first).chain(rest)))
+            .await
+            .map_err(fault)?;
+        Ok(())
+    }
+
+    /// Submits a job whose scene is there.
+    pub async fn submit(&mut self, spec: JobSpec) -> Result<JobId, Fault> {
+        let request = v1::SubmitRequest { spec: Some(spec.into()) };
+        Ok(JobId(self.control.submit(request).await.map_err(fault)?.into_inner().job))
+    }
+
+    /// One job, or all.
+    pub async fn status(&mut self, job: Option<JobId>) -> Result<Vec<JobView>, Fault> {
+        let request = v1::StatusRequest { job: job.map(|job| job.0) };
+        let jobs = self.control.status(request).await.map_err(fault)?.into_inner().jobs;
+        jobs.into_iter().map(|job| JobView::try_from(job).map_err(nonsense)).collect()
+    }
+
+    /// Shows every change of a job until its end; gives the last.
+    pub async fn watch(&mut self, job: JobId, mut show: impl FnMut(&JobView)) -> Result<JobView, Fault> {
+        let request = v1::WatchRequest { job: job.0 };
+        let mut views = self.control.watch(request).await.map_err(fault)?.into_inner();
+        let mut last = None;
+        while let Some(view) = views.message().await.map_err(fault)? {
+            let view = JobView::try_from(view).map_err(nonsense)?;
+            show(&view);
+            last = Some(view);
+        }
+        last.filter(|view| view.state.is_final())
+            .ok_or_else(|| Fault::failed("the coordinator went away; the job goes on when it is back"))
+    }
+
+    /// Gives a job up.
+    pub async fn cancel(&mut self, job: JobId) -> Result<JobView, Fault> {
+        let answer = self.control.cancel(v1::JobRequest { job: job.0 }).await.map_err(fault)?;
+        JobView::try_from(answer.into_inner()).map_err(nonsense)
+    }
+
+    /// Holds a job.
+    pub async fn pause(&mut self, job: JobId) -> Result<JobView, Fault> {
+        let answer = self.control.pause(v1::JobRequest { job: job.0 }).await.map_err(fault)?;
+        JobView::try_from(answer.into_inner()).map_err(nonsense)
+    }
+
+    /// Goes on with a job.
+    pub async fn resume(&mut self, job: JobId) -> Result<JobView, Fault> {
+        let answer = self.control.resume(v1::JobRequest { job: job.0 }).await.map_err(fault)?;
+        JobView::try_from(answer.into_inner()).map_err(nonsense)
+    }
+
+    /// Lets a job go before or after others.
+    pub async fn set_priority(&mut self, job: JobId, priority: i32) -> Result<JobView, Fault> {
+        let request = v1::SetPriorityRequest { job: job.0, priority };
+        let answer = self.control.set_priority(request).await.map_err(fault)?;
+        JobView::try_from(answer.into_inner()).map_err(nonsense)
+    }
+
+    /// Everybody who is connected.
+    pub async fn workers(&mut self) -> Result<Vec<WorkerView>, Fault> {
+        let workers = self.control.workers(v1::WorkersRequest {}).await.map_err(fault)?.into_inner().workers;
+        workers.into_iter().map(|worker| WorkerView::try_from(worker).map_err(nonsense)).collect()
+    }
+
+    /// Lets a worker finish what it holds and leave.
+    pub async fn drain(&mut self, worker: WorkerId) -> Result<(), Fault> {
+        self.control.drain(v1::DrainRequest { worker: worker.0 }).await.map_err(fault)?;
+        Ok(())
+    }
+
+    /// The file of a finished frame.
+    pub async fn fetch(&mut self, job: JobId, frame: FrameIndex) -> Result<Vec<u8>, Fault> {
+        let request = v1::FetchRequest { job: job.0, frame: frame.0 };
+        let mut chunks = self.control.fetch(request).await.map_err(fault)?.into_inner();
+        let (mut file, mut total) = (Vec::new(), 0);
+        while let Some(chunk) = chunks.message().await.map_err(fault)? {
+            total = chunk.total;
+            file.extend_from_slice(&chunk.data);
+        }
+        if file.len() as u64 != total {
+            return Err(Fault::failed(format!(
+                "frame {frame} broke off after {} of {total} bytes",
+                file.len()
+            )));
+        }
+        Ok(file)
+    }
+}

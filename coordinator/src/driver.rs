@@ -1,0 +1,396 @@
+//! The shell around the scheduler: one task that owns it, tells it what happens and does what it says.
+
+use crate::assembly::{self, Claimed, Report, Task};
+use crate::check::Defect;
+use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission};
+use crate::registry::Registry;
+use crate::store::{Store, StoredJob};
+use crate::tally::Tally;
+use farm_film::WorkUnit;
+use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
+use farm_proto::convert::{FromWorker, Grant, Hello, ToWorker};
+use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict, WhyDisconnect};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot};
+use tracing::{error, info, warn};
+
+/// Things told to the driver that wait for it; beyond this, those who tell have to wait.
+const INPUTS_MAX: usize = 1024;
+
+/// Pause before a store that failed is tried again.
+const PROBE_AFTER: Duration = Duration::from_secs(2);
+
+/// Starts the farm. It ends when the last handle is dropped. With a store, nothing is acknowledged that is not durable.
+pub fn start(store: Option<Arc<Store>>) -> std::io::Result<Farm> {
+    let session = store.as_ref().map_or_else(|| fastrand::u64(..), |store| store.session());
+    let (assembly, reports) = assembly::start(store.clone())?;
+    let (inputs, receiver) = mpsc::channel(INPUTS_MAX);
+    // A restarted coordinator gives out other leases than before, so that late results find no wrong one.
+    let config = Config { first_lease: LeaseId(u64::from(fastrand::u32(..)) << 24 | 1), ..Config::default() };
+    let driver = Driver {
+        scheduler: Scheduler::new(config),
+        started: Instant::now(),
+        workers: BTreeMap::new(),
+        next_worker: 1,
+        jobs: BTreeMap::new(),
+        assembly: assembly.clone(),
+        trouble: None,
+        prober: inputs.downgrade(),
+    };
+    tokio::spawn(driver.run(receiver, reports));
+    Ok(Farm { inputs, assembly, session, store, registry: Arc::new(Registry::default()) })
+}
+
+struct Worker {
+    name: String,
+    outgoing: mpsc::Sender<ToWorker>,
+}
+
+struct Job {
+    spec: JobSpec,
+    tally: Tally,
+    frames_written: u64,
+    listener: Option<mpsc::UnboundedSender<JobEvent>>,
+    /// Its owner paused it, rather than the store.
+    paused: bool,
+}
+
+struct Driver {
+    scheduler: Scheduler,
+    started: Instant,
+    workers: BTreeMap<WorkerId, Worker>,
+    next_worker: u64,
+    jobs: BTreeMap<JobId, Job>,
+    assembly: mpsc::Sender<Task>,
+    /// Why nothing can be stored at present.
+    trouble: Option<String>,
+    prober: mpsc::WeakSender<Input>,
+}
+
+impl Driver {
+    async fn run(mut self, mut inputs: mpsc::Receiver<Input>, mut reports: mpsc::UnboundedReceiver<Report>) {
+        loop {
+            let deadline = self.scheduler.next_deadline().map(|Timestamp(after)| self.started + after);
+            let tick = async {
+                match deadline {
+                    Some(deadline) => tokio::time::sleep_until(deadline.into()).await,
+                    None => std::future::pending().await,
+                }
+            };
+            tokio::select! {
+                Some(report) = reports.recv() => self.report(report),
+                input = inputs.recv() => match input {
+                    Some(input) => self.input(input).await,
+                    None => break,
+                },
+                () = tick => self.handle(Event::Tick),
+            }
+            while let Some(action) = self.scheduler.poll_action() {
+                self.perform(action).await;
+            }
+        }
+    }
+
+    fn now(&self) -> Timestamp {
+        Timestamp(self.started.elapsed())
+    }
+
+    fn handle(&mut self, event: Event) {
+        self.scheduler.handle(self.now(), event);
+    }
+
+    async fn input(&mut self, input: Input) {
+        match input {
+            Input::Join { hello, outgoing, reply } => self.join(hello, outgoing, reply),
+            Input::Said { worker, message } => self.said(worker, message),
+            Input::Arrived(arrived) => self.arrived(*arrived).await,
+            Input::Left { worker } => {
+                if let Some(left) = self.workers.remove(&worker) {
+                    info!(%worker, name = %left.name, "worker left");
+                    self.handle(Event::WorkerLeft { worker });
+                }
+            }
+            Input::Submit(submission) => self.submit(*submission).await,
+            Input::Order { job, order, reply } => {
+                let _ = reply.send(self.order(job, order).await);
+            }
+            Input::Drain { worker, reply } => {
+                let _ = reply.send(self.workers.contains_key(&worker));
+                self.handle(Event::WorkerDraining { worker });
+            }
+            Input::Probe => {
+                let _ = self.assembly.send(Task::Probe).await;
+            }
+            Input::Status { reply } => {
+                let _ = reply.send(self.overview());
+            }
+            Input::Farewell { reason, done } => {
+                for worker in self.workers.values() {
+                    let _ = worker.outgoing.try_send(ToWorker::Farewell(reason.clone()));
+                }
+                self.workers.clear();
+                let _ = done.send(());
+            }
+        }
+    }
+
+    fn join(&mut self, hello: Hello, outgoing: mpsc::Sender<ToWorker>, reply: oneshot::Sender<WorkerId>) {
+        let worker = WorkerId(self.next_worker);
+        self.next_worker += 1;
+        info!(%worker, name = %hello.name, slots = hello.slots, "worker joined");
+        self.workers.insert(worker, Worker { name: hello.name.clone(), outgoing });
+        // Whoever connected may be gone again; then its stream says so next.
+        let _ = reply.send(worker);
+        self.handle(Event::WorkerJoined { worker, name: hello.name, slots: hello.slots });
+    }
+
+    fn said(&mut self, worker: WorkerId, message: FromWorker) {
+        match message {
+            FromWorker::Heartbeat(beat) => {
+                self.say(worker, ToWorker::Heard(beat.number));
+                let (leases, round_trip) = (beat.leases, beat.round_trip);
+                self.handle(Event::Heartbeat { worker, leases, round_trip });
+            }
+            FromWorker::UnitFailed { lease, reason } => {
+                warn!(%worker, %lease, %reason, "unit failed");
+                self.handle(Event::UnitFailed { worker, lease, reason });
+            }
+            FromWorker::Returned(lease) => self.handle(Event::UnitReturned { worker, lease }),
+            FromWorker::JobRefused { job, reason } => {
+                warn!(%worker, %job, %reason, "job refused");
+                self.handle(Event::JobRefused { worker, job, reason });
+            }
+            FromWorker::Draining => {
+                info!(%worker, "worker drains");
+                self.handle(Event::WorkerDraining { worker });
+            }
+            FromWorker::Prepared { job, build, .. } => {
+                self.tell_listener(job, JobEvent::Prepared { build });
+            }
+            // The service keeps these to itself.
+            FromWorker::Hello(_) | FromWorker::Result(_) => {}
+        }
+    }
+
+    async fn arrived(&mut self, arrived: Arrived) {
+        let Arrived { worker, result, outcome, at } = arrived;
+        let (lease, job, unit) = (result.lease, result.job, result.unit);
+        let delivery = Delivery { worker, lease, job, unit };
+        match outcome {
+            None => self.reject(&delivery, "its job is not known here"),
+            Some(Err(defect @ Defect::NotFinite)) => {
+                warn!(%worker, %lease, %unit, error = %defect, "result rejected");
+                self.reject(&delivery, &defect.to_string());
+                self.handle(Event::UnitFailed { worker, lease, reason: defect.to_string() });
+            }
+            Some(Err(defect)) => {
+                warn!(%worker, %lease, %unit, error = %defect, "result rejected");
+                self.reject(&delivery, &defect.to_string());
+                self.handle(Event::ResultRejected { delivery, reason: defect.to_string() });
+            }
+            Some(Ok(checked)) => match self.scheduler.claim(self.now(), &delivery) {
+                Verdict::Wanted => {
+                    let claimed = Claimed {
+                        delivery,
+                        tile: checked.tile,
+                        partial_exr: result.partial_exr,
+                        counters: checked.counters,
+                        render: result.render,
+                        arrived: at,
+                    };
+                    // The assembly outlives the driver, and never waits for it.
+                    let _ = self.assembly.send(Task::Add(Box::new(claimed))).await;
+                }
+                Verdict::NotNeeded => self.reject(&delivery, "its samples are there already"),
+                Verdict::Foreign => {
+                    warn!(%worker, %lease, %unit, "result is of no unit of its job");
+                    self.reject(&delivery, "it is no unit of its job");
+                }
+            },
+        }
+    }
+
+    fn reject(&mut self, delivery: &Delivery, reason: &str) {
+        self.say(delivery.worker, ToWorker::Reject { lease: delivery.lease, reason: reason.to_owned() });
+    }
+
+    async fn submit(&mut self, submission: Submission) {
+        let Submission { job, spec, plan, listener, finished, durable } = submission;
+        let frames_written = finished.len() as u64;
+        let known =
+            Job { spec: spec.clone(), tally: Tally::default(), frames_written, listener, paused: false };
+        self.jobs.insert(job, known);
+        let spec = Arc::new(spec);
+        let _ = self.assembly.send(Task::Open(job, spec.clone(), plan)).await;
+        let mut units = Vec::new();
+        for (frame, partials) in durable {
+            units.extend(partials.iter().map(|(tile, _)| WorkUnit {
+                frame,
+                tile: tile.tile(),
+                block: tile.block(),
+            }));
+            let _ = self.assembly.send(Task::Restore(job, frame, partials)).await;
+        }
+        let spec = Box::new((*spec).clone());
+        self.handle(Event::JobSubmitted { job, spec, finished, durable: units });
+        if self.trouble.is_some() {
+            self.handle(Event::JobPaused { job });
+        }
+    }
+
+    /// Does what a job's owner wants; whether there is such a job.
+    async fn order(&mut self, id: JobId, order: JobOrder) -> bool {
+        let Some(job) = self.jobs.get_mut(&id) else { return false };
+        match order {
+            JobOrder::Pause => job.paused = true,
+            JobOrder::Resume => job.paused = false,
+            JobOrder::Priority(priority) => job.spec.priority = priority,
+            JobOrder::Cancel => {}
+        }
+        let event = match order {
+            JobOrder::Pause => Event::JobPaused { job: id },
+            // The store resumes it once it works.
+            JobOrder::Resume if self.trouble.is_some() => return true,
+            JobOrder::Resume => Event::JobResumed { job: id },
+            JobOrder::Priority(priority) => Event::PriorityChanged { job: id, priority },
+            JobOrder::Cancel => Event::JobCancelled { job: id },
+        };
+        self.handle(event);
+        if order == JobOrder::Cancel {
+            let _ = self.assembly.send(Task::Close(id)).await;
+        }
+        true
+    }
+
+    fn overview(&self) -> Overview {
+        Overview {
+            status: Some(self.scheduler.status(self.now())),
+            tallies: self.jobs.iter().map(|(id, job)| (*id, job.tally.clone())).collect(),
+            written: self.jobs.iter().map(|(id, job)| (*id, job.frames_written)).collect(),
+            trouble: self.trouble.clone(),
+        }
+    }
+
+    /// Pauses everything until the store works again.
+    fn store_failed(&mut self, reason: String) {
+        if self.trouble.is_none() {
+            error!(%reason, "the store fails: all jobs are paused until it works again");
+            for job in self.jobs.keys().copied().collect::<Vec<_>>() {
+                self.handle(Event::JobPaused { job });
+            }
+        }
+        self.trouble = Some(reason);
+        self.probe_later();
+    }
+
+    fn store_works(&mut self) {
+        if self.trouble.take().is_some() {
+            warn!("the store works again: going on");
+            let waiting = self.jobs.iter().filter(|(_, job)| !job.paused).map(|(id, _)| *id);
+            for job in waiting.collect::<Vec<_>>() {
+                self.handle(Event::JobResumed { job });
+            }
+        }
+    }
+
+    fn probe_later(&self) {
+        let prober = self.prober.clone();
+        tokio::spawn(async move {
+            tokio::time::sleep(PROBE_AFTER).await;
+            if let Some(inputs) = prober.upgrade() {
+                let _ = inputs.send(Input::Probe).await;
+            }
+        });
+    }
+
+    fn report(&mut self, report: Report) {
+        match report {
+            Report::Added { delivery, render, counters, arrived } => {
+                if let Some(job) = self.jobs.get_mut(&delivery.job) {
+                    job.tally.add(delivery.worker, counters, render, arrived);
+                }
+                self.say(delivery.worker, ToWorker::Ack(delivery.lease));
+                self.handle(Event::UnitAccepted { delivery, render });
+            }
+            Report::Refused { delivery, reason } => {
+                warn!(worker = %delivery.worker, unit = %delivery.unit, %reason, "partial cannot be merged");
+                self.reject(&delivery, &reason);
+                self.handle(Event::ResultRejected { delivery, reason });
+            }
+            Report::NotStored { delivery, reason } => {
+                self.reject(&delivery, "it cannot be stored at present");
+                self.handle(Event::StoreFailed { delivery });
+                self.store_failed(reason);
+            }
+            Report::Probed(Ok(())) => self.store_works(),
+            Report::Probed(Err(_)) => self.probe_later(),
+            Report::Frame { job, outcome } => {
+                if let (Ok(_), Some(job)) = (&outcome, self.jobs.get_mut(&job)) {
+                    job.frames_written += 1;
+                }
+                let event = match outcome {
+                    Ok(summary) => JobEvent::Frame(summary),
+                    Err(reason) => JobEvent::Failed(reason),
+                };
+                self.tell_listener(job, event);
+            }
+        }
+    }
+
+    async fn perform(&mut self, action: Action) {
+        match action {
+            Action::Grant { worker, lease, job, unit, attempt, deadline } => {
+                let ttl = deadline.since(self.now());
+                self.say(worker, ToWorker::Grant(Grant { lease, job, unit, attempt, ttl }));
+            }
+            Action::Revoke { worker, lease } => self.say(worker, ToWorker::Revoke(lease)),
+            Action::RoundComplete { .. } => {}
+            Action::FrameComplete { job, frame, .. } => {
+                let _ = self.assembly.send(Task::Finish(job, frame)).await;
+            }
+            Action::JobDone { job } => {
+                let _ = self.assembly.send(Task::Close(job)).await;
+            }
+            Action::JobFailed { job, fault } => {
+                let _ = self.assembly.send(Task::Close(job)).await;
+                if let Some(known) = self.jobs.get(&job) {
+                    let (spec, state) = (known.spec.clone(), JobState::Failed);
+                    let record = StoredJob { job, spec, state, reason: Some(fault.to_string()) };
+                    let _ = self.assembly.send(Task::Record(Box::new(record))).await;
+                }
+                self.tell_listener(job, JobEvent::Failed(fault.to_string()));
+            }
+            Action::Quarantine { worker, until, reason } => {
+                let seconds = until.since(self.now()).as_secs();
+                warn!(%worker, %reason, seconds, "worker in quarantine");
+            }
+            Action::Disconnect { worker, why } => {
+                if why == WhyDisconnect::Drained {
+                    self.say(worker, ToWorker::Drained);
+                }
+                if let Some(left) = self.workers.remove(&worker) {
+                    info!(%worker, name = %left.name, ?why, "worker disconnected");
+                }
+            }
+        }
+    }
+
+    /// Hands a message to a worker's stream. A worker that does not read what it is told is disconnected: the driver
+    /// waits for nobody.
+    fn say(&mut self, worker: WorkerId, message: ToWorker) {
+        let Some(known) = self.workers.get(&worker) else { return };
+        if known.outgoing.try_send(message).is_err() {
+            warn!(%worker, name = %known.name, "worker does not listen; disconnecting it");
+            self.workers.remove(&worker);
+            self.handle(Event::WorkerLeft { worker });
+        }
+    }
+
+    fn tell_listener(&self, job: JobId, event: JobEvent) {
+        if let Some(listener) = self.jobs.get(&job).and_then(|job| job.listener.as_ref()) {
+            let _ = listener.send(event);
+        }
+    }
+}

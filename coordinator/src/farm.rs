@@ -1,0 +1,202 @@
+//! The farm as its shell sees it: what can be told to the driver, and asked.
+
+use crate::assembly::Task;
+use crate::check::{Checked, Defect};
+use crate::outputs::{FrameSummary, OutputPlan};
+use crate::registry::Registry;
+use crate::store::Store;
+use crate::tally::Tally;
+use bytes::Bytes;
+use farm_film::{Counters, ErrorEstimate, FilmTile, FrameIndex};
+use farm_job::{JobId, JobSpec, WorkerId};
+use farm_proto::convert::{FromWorker, Hello, ToWorker, UnitResult};
+use farm_scene::SceneId;
+use farm_scheduler::Status;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot};
+
+/// What the driver is told.
+pub(crate) enum Input {
+    /// A worker has introduced itself.
+    Join { hello: Hello, outgoing: mpsc::Sender<ToWorker>, reply: oneshot::Sender<WorkerId> },
+    /// A worker said something else than a result.
+    Said { worker: WorkerId, message: FromWorker },
+    /// A result came and was looked at.
+    Arrived(Box<Arrived>),
+    /// A connection is gone.
+    Left { worker: WorkerId },
+    /// A new job, or one from before a restart.
+    Submit(Box<Submission>),
+    /// Its owner has decided something.
+    Order { job: JobId, order: JobOrder, reply: oneshot::Sender<bool> },
+    /// Let a worker finish what it holds and leave; whether it is known.
+    Drain { worker: WorkerId, reply: oneshot::Sender<bool> },
+    /// The store may work again.
+    Probe,
+    /// How things are.
+    Status { reply: oneshot::Sender<Overview> },
+    /// Send everybody home.
+    Farewell { reason: String, done: oneshot::Sender<()> },
+}
+
+/// A result that was looked at.
+pub(crate) struct Arrived {
+    pub worker: WorkerId,
+    pub result: UnitResult,
+    /// None when its job is not known.
+    pub outcome: Option<Result<Checked, Defect>>,
+    pub at: Instant,
+}
+
+/// A job on its way to the driver.
+pub struct Submission {
+    /// Its name from now on.
+    pub job: JobId,
+    /// What is asked.
+    pub spec: JobSpec,
+    /// Where its frames go.
+    pub plan: OutputPlan,
+    /// Who hears of its events, if anyone.
+    pub listener: Option<mpsc::UnboundedSender<JobEvent>>,
+    /// Frames that are written already.
+    pub finished: Vec<FrameIndex>,
+    /// Partials of other frames that are safe already.
+    pub durable: Vec<(FrameIndex, Vec<(FilmTile, Counters)>)>,
+}
+
+/// What the owner of a job may decide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JobOrder {
+    /// Give out nothing more for now.
+    Pause,
+    /// Go on.
+    Resume,
+    /// Give it up.
+    Cancel,
+    /// Let it go before jobs of lower priority.
+    Priority(i32),
+}
+
+/// What happens to a job.
+#[derive(Debug)]
+pub enum JobEvent {
+    /// A worker has made a frame ready.
+    Prepared {
+        /// To build what rays need.
+        build: Duration,
+    },
+    /// A frame is written.
+    Frame(FrameSummary),
+    /// The job cannot be finished.
+    Failed(String),
+}
+
+/// How things are.
+#[derive(Clone, Debug, Default)]
+pub struct Overview {
+    /// Of the whole farm.
+    pub status: Option<Status>,
+    /// What each job has cost, since the coordinator started.
+    pub tallies: BTreeMap<JobId, Tally>,
+    /// How many frames of each job are written.
+    pub written: BTreeMap<JobId, u64>,
+    /// Why nothing can be stored at present.
+    pub trouble: Option<String>,
+}
+
+/// How things are with one job.
+#[derive(Clone, Debug)]
+pub struct Progress {
+    /// Connected workers.
+    pub workers: usize,
+    /// Why nothing is being rendered.
+    pub why_idle: Option<String>,
+    /// What the job has cost.
+    pub tally: Tally,
+    /// Of its oldest open frame.
+    pub error: Option<ErrorEstimate>,
+}
+
+/// The farm is gone; only while the program ends.
+#[derive(Clone, Copy, Debug, thiserror::Error)]
+#[error("the coordinator is ending")]
+pub struct Ending;
+
+/// A handle to the farm.
+#[derive(Clone)]
+pub struct Farm {
+    pub(crate) inputs: mpsc::Sender<Input>,
+    pub(crate) assembly: mpsc::Sender<Task>,
+    pub(crate) session: u64,
+    pub(crate) store: Option<Arc<Store>>,
+    /// What workers may ask for.
+    pub registry: Arc<Registry>,
+}
+
+impl Farm {
+    pub(crate) async fn tell(&self, input: Input) -> Result<(), Ending> {
+        self.inputs.send(input).await.map_err(|_| Ending)
+    }
+
+    /// A scene's snapshot, from memory or from the store; takes its time.
+    pub fn scene(&self, scene: SceneId) -> Option<Bytes> {
+        let stored = || self.store.as_ref()?.scene(scene).map(Bytes::from);
+        self.registry.scene(scene).or_else(stored)
+    }
+
+    /// Starts a job, or goes on with it.
+    pub async fn submit(&self, submission: Submission) -> Result<(), Ending> {
+        self.registry.put_job(submission.job, submission.spec.clone());
+        self.tell(Input::Submit(Box::new(submission))).await
+    }
+
+    /// Passes an order on; whether the job is known and not at its end.
+    pub async fn order(&self, job: JobId, order: JobOrder) -> Result<bool, Ending> {
+        let (reply, done) = oneshot::channel();
+        self.tell(Input::Order { job, order, reply }).await?;
+        done.await.map_err(|_| Ending)
+    }
+
+    /// Lets a worker finish what it holds and leave; whether it is known.
+    pub async fn drain(&self, worker: WorkerId) -> Result<bool, Ending> {
+        let (reply, done) = oneshot::channel();
+        self.tell(Input::Drain { worker, reply }).await?;
+        done.await.map_err(|_| Ending)
+    }
+
+    /// How things are.
+    pub async fn overview(&self) -> Result<Overview, Ending> {
+        let (reply, overview) = oneshot::channel();
+        self.tell(Input::Status { reply }).await?;
+        overview.await.map_err(|_| Ending)
+    }
+
+    /// Estimated error of the oldest open frame of `job`.
+    pub async fn estimate(&self, job: JobId) -> Result<Option<ErrorEstimate>, Ending> {
+        let (reply, estimate) = oneshot::channel();
+        self.assembly.send(Task::Estimate(job, reply)).await.map_err(|_| Ending)?;
+        estimate.await.map_err(|_| Ending)
+    }
+
+    /// How things are with `job`.
+    pub async fn progress(&self, job: JobId) -> Result<Progress, Ending> {
+        let mut overview = self.overview().await?;
+        let status = overview.status.take();
+        Ok(Progress {
+            workers: status.as_ref().map_or(0, |status| status.workers.len()),
+            why_idle: status.and_then(|status| status.why_idle).map(|why| why.to_string()),
+            tally: overview.tallies.remove(&job).unwrap_or_default(),
+            error: self.estimate(job).await?,
+        })
+    }
+
+    /// Tells every worker that there is no more work.
+    pub async fn farewell(&self, reason: &str) {
+        let (done, said) = oneshot::channel();
+        if self.tell(Input::Farewell { reason: reason.to_owned(), done }).await.is_ok() {
+            let _ = said.await;
+        }
+    }
+}

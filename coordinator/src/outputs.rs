@@ -1,0 +1,202 @@
+//! Where finished frames go, and how they get there: whole or not at all.
+
+use farm_film::{Counters, ErrorEstimate, Film, FrameIndex};
+use farm_image::{
+    Exposure, Frame, FrameMetadata, ImageError, PartialHeader, SampleFormat, pixels_digest, write_frame,
+    write_preview,
+};
+use farm_job::JobSpec;
+use farm_worker::frames::partial_header;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// A place for frames that cannot be one.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OutputError {
+    /// Another format.
+    #[error("{0}: frames are written as OpenEXR: give a name that ends in .exr")]
+    NotExr(String),
+    /// A folder where a file should be.
+    #[error("{0} is a directory: give the name of a file in it")]
+    Directory(String),
+    /// A folder that is not there.
+    #[error("the directory {0} does not exist: create it first")]
+    NoDirectory(String),
+}
+
+/// Names of the frames of one job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FrameNames {
+    folder: PathBuf,
+    before: String,
+    digits: usize,
+    after: String,
+}
+
+impl FrameNames {
+    /// Names after `pattern`: the last run of `#` stands for the frame's number; when there is none and several frames are
+    /// written, `.####` is put before the extension.
+    pub fn new(pattern: &Path, several: bool) -> Result<Self, OutputError> {
+        let shown = || pattern.display().to_string();
+        if pattern.is_dir() {
+            return Err(OutputError::Directory(shown()));
+        }
+        let is_exr = pattern.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        let (Some(name), true) = (pattern.file_name().and_then(|name| name.to_str()), is_exr) else {
+            return Err(OutputError::NotExr(shown()));
+        };
+        let folder = match pattern.parent() {
+            Some(folder) if folder != Path::new("") => folder.to_owned(),
+            _ => PathBuf::from("."),
+        };
+        if !folder.is_dir() {
+            return Err(OutputError::NoDirectory(folder.display().to_string()));
+        }
+        let (before, digits, after) = match name.rfind('#') {
+            Some(last) => {
+                let before = name[..=last].trim_end_matches('#');
+                (before.to_owned(), last + 1 - before.len(), name[last + 1..].to_owned())
+            }
+            None => {
+                let (stem, extension) = name.split_at(name.len() - ".exr".len());
+                if several {
+                    (format!("{stem}."), 4, extension.to_owned())
+                } else {
+                    (stem.to_owned(), 0, extension.to_owned())
+                }
+            }
+        };
+        Ok(Self { folder, before, digits, after })
+    }
+
+    /// The file of one frame.
+    pub fn path(&self, frame: FrameIndex) -> PathBuf {
+        let number = if self.digits == 0 {
+            String::new()
+        } else {
+            format!("{:0width$}", frame.0, width = self.digits)
+        };
+        self.folder.join(format!("{}{number}{}", self.before, self.after))
+    }
+}
+
+/// What happens to a job's finished frames.
+#[derive(Clone, Debug)]
+pub struct OutputPlan {
+    /// Their names.
+    pub names: FrameNames,
+    /// Whether a tone-mapped PNG is put beside each.
+    pub preview: bool,
+    /// Name of the scene, for people.
+    pub scene_name: String,
+}
+
+/// A frame with all its samples, on its way to its file.
+pub struct FinishedFrame {
+    /// Which one.
+    pub frame: FrameIndex,
+    /// All its samples.
+    pub film: Film,
+    /// What was traced for it.
+    pub counters: Counters,
+    /// From its first unit to its last.
+    pub render: Duration,
+}
+
+/// What became of a frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrameSummary {
+    /// Which one.
+    pub frame: u32,
+    /// Files that were written.
+    pub outputs: Vec<PathBuf>,
+    /// Of width, height and the bits of every pixel.
+    pub digest: String,
+    /// Estimated error; none with too few samples to tell.
+    pub error: Option<ErrorEstimate>,
+    /// Values beyond what a 32-bit float holds, stored as the largest one.
+    pub clamped: u64,
+    /// From its first unit to its last, in seconds.
+    pub render_s: f64,
+    /// What was traced.
+    pub counters: Counters,
+}
+
+/// Resolves a frame of a job and writes its files.
+pub fn write(
+    spec: &JobSpec,
+    plan: &OutputPlan,
+    finished: &FinishedFrame,
+) -> Result<FrameSummary, ImageError> {
+    let header = partial_header(finished.film.resolution(), spec.scene, &spec.settings, finished.frame);
+    write_resolved(&header, plan, finished)
+}
+
+/// Resolves a frame whose partials said `header` of themselves, and writes its files.
+pub fn write_resolved(
+    header: &PartialHeader,
+    plan: &OutputPlan,
+    finished: &FinishedFrame,
+) -> Result<FrameSummary, ImageError> {
+    let (film, frame) = (&finished.film, finished.frame);
+    let (resolution, pixels) = (film.resolution(), film.pixels());
+    let error = film.error_estimate();
+    let metadata = FrameMetadata {
+        scene_name: plan.scene_name.clone(),
+        scene: header.scene,
+        settings: header.settings,
+        frame,
+        spp: film.spp(),
+        seed: header.seed,
+        renderer: header.renderer.clone(),
+        counters: finished.counters,
+        error,
+        seconds: finished.render.as_secs_f64(),
+        extra: serde_json::Map::new(),
+    };
+    let path = plan.names.path(frame);
+    let picture = Frame { resolution, pixels: &pixels, passes: &[] };
+    let clamped = write_frame(&path, &picture, &metadata, SampleFormat::Float)?;
+    let mut outputs = vec![path];
+    if plan.preview {
+        let path = outputs[0].with_extension("png");
+        write_preview(&path, resolution, &pixels, Exposure::Auto)?;
+        outputs.push(path);
+    }
+    Ok(FrameSummary {
+        frame: frame.0,
+        outputs,
+        digest: blake3::Hash::from_bytes(pixels_digest(resolution, &pixels)).to_string(),
+        error,
+        clamped,
+        render_s: finished.render.as_secs_f64(),
+        counters: finished.counters,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_numbered_where_it_says_so() {
+        let name = |pattern: &str, several| {
+            FrameNames::new(Path::new(pattern), several).unwrap().path(FrameIndex(7)).display().to_string()
+        };
+        assert_eq!(name("fox.exr", false), "./fox.exr");
+        assert_eq!(name("fox.exr", true), "./fox.0007.exr");
+        assert_eq!(name("fox.##.exr", true), "./fox.07.exr");
+        assert_eq!(name("fox#.EXR", false), "./fox7.EXR");
+        assert_eq!(name("/tmp/a#b_###.exr", true), "/tmp/a#b_007.exr");
+    }
+
+    #[test]
+    fn places_that_are_none_get_a_sentence() {
+        let refusal = |pattern: &str| FrameNames::new(Path::new(pattern), false).unwrap_err().to_string();
+        assert!(refusal("fox.png").contains(".exr"));
+        assert!(refusal("fox").contains(".exr"));
+        assert!(refusal("/tmp").contains("is a directory"));
+        assert!(refusal("/no/such/place/fox.exr").contains("does not exist"));
+    }
+}

@@ -1,0 +1,141 @@
+//! What a render leaves behind beside its pictures: a summary for people, an object for scripts.
+
+use crate::outputs::FrameSummary;
+use crate::progress::metric;
+use crate::tally::Tally;
+use farm_film::Counters;
+use farm_job::JobSpec;
+use farm_worker::cli::Loaded;
+use farm_worker::renderer::FINGERPRINT;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Everything worth knowing about a finished job. Times are in seconds.
+#[derive(Debug, Serialize)]
+pub struct RenderReport {
+    /// Name of the scene.
+    pub scene: String,
+    /// Digest of the scene's snapshot.
+    pub scene_id: String,
+    /// Version and arithmetic of the renderer.
+    pub renderer: &'static str,
+    /// To read and decode the scene.
+    pub load_s: f64,
+    /// Longest time a worker needed to make a frame ready to trace.
+    pub build_s: f64,
+    /// From the first unit begun to the last finished.
+    pub render_s: f64,
+    /// Time that units took on their slots, summed.
+    pub busy_s: f64,
+    /// Samples per pixel.
+    pub spp: u64,
+    /// Samples over all pixels and frames.
+    pub samples: u64,
+    /// Rays of all kinds.
+    pub rays: u64,
+    /// What was traced, and what went wrong.
+    pub counters: Counters,
+    /// Of the frame's pixels; of several frames, of their digests in order.
+    pub digest: String,
+    /// Estimated root mean squared error in radiance, the worst frame's.
+    pub error: Option<f64>,
+    /// Files that were written.
+    pub outputs: Vec<PathBuf>,
+    /// Each frame.
+    pub frames: Vec<FrameSummary>,
+    /// Workers that delivered something.
+    pub workers: usize,
+    /// Units that were accepted.
+    pub units: u64,
+    /// What was odd about the scene.
+    pub warnings: Vec<String>,
+}
+
+impl RenderReport {
+    /// Sums everything up.
+    pub fn new(
+        spec: &JobSpec,
+        loaded: &Loaded,
+        build: Duration,
+        frames: Vec<FrameSummary>,
+        tally: &Tally,
+    ) -> Self {
+        let errors = frames.iter().filter_map(|frame| frame.error.map(|error| error.rmse));
+        Self {
+            scene: spec.name.clone(),
+            scene_id: spec.scene.to_string(),
+            renderer: FINGERPRINT,
+            load_s: loaded.load.as_secs_f64(),
+            build_s: build.as_secs_f64(),
+            render_s: tally.span().as_secs_f64(),
+            busy_s: tally.render.as_secs_f64(),
+            spp: spec.spp,
+            samples: tally.counters.samples,
+            rays: tally.counters.rays(),
+            counters: tally.counters,
+            digest: joint_digest(&frames),
+            error: errors.reduce(f64::max),
+            outputs: frames.iter().flat_map(|frame| frame.outputs.iter().cloned()).collect(),
+            workers: tally.workers.len(),
+            units: tally.units,
+            warnings: loaded.report.warnings.clone(),
+            frames,
+        }
+    }
+
+    /// A few lines on standard error.
+    pub fn summarise(&self) {
+        for warning in &self.warnings {
+            eprintln!("warning: {warning}");
+        }
+        let faults = self.counters.faults();
+        if faults > 0 {
+            let Counters { nan, infinite, negative, .. } = self.counters;
+            eprintln!(
+                "warning: {faults} samples could not be taken at face value: {nan} not a number, {infinite} infinite, {negative} negative"
+            );
+        }
+        let clamped: u64 = self.frames.iter().map(|frame| frame.clamped).sum();
+        if clamped > 0 {
+            eprintln!("warning: {clamped} values are beyond what the file holds and were clamped");
+        }
+        let per_second = |count: u64| metric(count as f64 / self.render_s.max(1e-9));
+        let plural = |count: usize| if count == 1 { "" } else { "s" };
+        eprintln!(
+            "{} frame{} of {} spp in {:.2} s ({}samples/s, {}rays/s), after {:.2} s to load and {:.2} s to build; {} unit{} by {} worker{}",
+            self.frames.len(),
+            plural(self.frames.len()),
+            self.spp,
+            self.render_s,
+            per_second(self.samples),
+            per_second(self.rays),
+            self.load_s,
+            self.build_s,
+            self.units,
+            plural(self.units as usize),
+            self.workers,
+            plural(self.workers),
+        );
+        if let Some(error) = self.error {
+            eprintln!("estimated error {error:.5}");
+        }
+        eprintln!("digest {}", self.digest);
+        for output in &self.outputs {
+            eprintln!("wrote {}", output.display());
+        }
+    }
+}
+
+fn joint_digest(frames: &[FrameSummary]) -> String {
+    match frames {
+        [frame] => frame.digest.clone(),
+        frames => {
+            let mut hasher = blake3::Hasher::new();
+            for frame in frames {
+                hasher.update(frame.digest.as_bytes());
+            }
+            hasher.finalize().to_string()
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! The gRPC side of a coordinator.
+
+mod connection;
+mod control;
+mod farm;
+mod listen;
+
+pub use control::{ControlService, plan};
+pub use listen::{Listener, serve_memory};
