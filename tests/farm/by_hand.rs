@@ -1,0 +1,56 @@
+//! Partials rendered on machines that never met merge to the picture of one machine.
+
+use crate::harness::{Place, Said, coordinator, render, run, worker};
+
+const PICTURE: [&str; 2] = ["--resolution", "48x30"];
+
+fn part(place: &Place, name: &str, flags: &[&str]) -> Said {
+    let mut command = worker();
+    command.arg("render").arg(place.scene()).args(PICTURE).arg("-o").arg(place.path(name)).args(flags);
+    run(command)
+}
+
+fn merge(place: &Place, parts: &[&str]) -> Said {
+    let mut command = coordinator();
+    command.arg("merge").args(parts.iter().map(|name| place.path(name)));
+    command.arg("-o").arg(place.path("merged.exr")).arg("--json");
+    run(command)
+}
+
+#[test]
+fn merged_partials_are_the_picture() {
+    let place = Place::new();
+    let made = |name, flags: &[&str]| {
+        let said = part(&place, name, flags);
+        assert!(said.status.success(), "{}", said.stderr);
+    };
+    made("top.exr", &["--samples", "0..64", "--tile-window", "0,0,48,11"]);
+    made("a.exr", &["--samples", "0..32", "--tile-window", "0,11,48,30", "--threads", "1"]);
+    made("b.exr", &["--samples", "32..64", "--tile-window", "0,11,48,30", "--threads", "2"]);
+    let mut command = render(&place, "whole.exr", &PICTURE);
+    command.args(["--spp", "64"]);
+    let whole = run(command).digest();
+    assert_eq!(merge(&place, &["b.exr", "top.exr", "a.exr"]).digest(), whole);
+
+    let mut command = coordinator();
+    command.arg("compare").args(["merged.exr", "whole.exr"].map(|name| place.path(name))).arg("--json");
+    assert_eq!(run(command).json()["max_abs"], 0.0);
+
+    let said = merge(&place, &["a.exr", "top.exr"]);
+    assert_eq!(said.status.code(), Some(2));
+    assert!(said.stderr.contains("samples 32..64"), "{}", said.stderr);
+    made("seed.exr", &["--samples", "32..64", "--tile-window", "0,11,48,30", "--seed", "1"]);
+    let said = merge(&place, &["a.exr", "top.exr", "seed.exr"]);
+    assert!(said.stderr.contains("seed.exr") && said.stderr.contains("another seed"), "{}", said.stderr);
+}
+
+#[test]
+fn samples_that_are_no_block_are_refused_with_the_blocks_they_are_made_of() {
+    let place = Place::new();
+    let said = part(&place, "x.exr", &["--samples", "0..100"]);
+    assert_eq!(said.status.code(), Some(2));
+    assert!(said.stderr.contains("0..64, 64..96, 96..100"), "{}", said.stderr);
+    let said = part(&place, "x.exr", &["--samples", "0..16", "--tile-window", "0,0,49,30"]);
+    assert_eq!(said.status.code(), Some(2));
+    assert_eq!(place.files(), [""; 0]);
+}

@@ -1,0 +1,8 @@
+//! Stories of the farm, told by the real programs over loopback.
+
+mod bad_input;
+mod by_hand;
+mod harness;
+mod same_bits;
+mod strangers;
+mod workers;
