@@ -4,5 +4,6 @@ mod bad_input;
 mod by_hand;
 mod harness;
 mod same_bits;
+mod serving;
 mod strangers;
 mod workers;
