@@ -15,3 +15,6 @@ pub mod v1 {
 
 /// Both sides of a connection must speak the same; raised with every change that an older side would misread.
 pub const PROTOCOL_VERSION: u32 = 1;
+
+/// The services and messages in a form that gRPC tools read.
+pub const DESCRIPTOR: &[u8] = tonic::include_file_descriptor_set!("farm_descriptor");

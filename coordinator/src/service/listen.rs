@@ -82,10 +82,16 @@ impl Listener {
                 let _ = stream.set_nodelay(true);
             })
         });
-        let router = match control {
-            Some(control) => router(farm).add_service(ControlServer::new(control)),
-            None => router(farm),
-        };
+        let mut router = router(farm);
+        if let Some(control) = control {
+            // Ordinary gRPC tools find out by themselves what is served here, and whether it is well.
+            let reflection = tonic_reflection::server::Builder::configure()
+                .register_encoded_file_descriptor_set(farm_proto::DESCRIPTOR)
+                .build_v1()
+                .expect("our own description is well-formed");
+            let (_, health) = tonic_health::server::health_reporter();
+            router = router.add_service(ControlServer::new(control)).add_service(reflection).add_service(health);
+        }
         tokio::spawn(async move {
             if let Err(error) = router.serve_with_incoming(incoming).await {
                 error!(%error, "the listener has failed");
