@@ -25,6 +25,12 @@ pub(super) trait Lanes: Copy {
     fn equal(self, other: Self) -> u32;
 }
 
+/// Three numbers, each over all lanes.
+#[inline(always)]
+pub(super) fn splat3<S: Lanes>([x, y, z]: [f32; 3]) -> [S; 3] {
+    [S::splat(x), S::splat(y), S::splat(z)]
+}
+
 /// The fallback, and the definition of what [`Avx2`] computes.
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f32; 8]);

@@ -24,7 +24,7 @@ mod walk;
 #[cfg(test)]
 mod tests;
 
-use std::sync::Arc;
+use std::{marker::PhantomData, sync::Arc};
 
 pub use build::AccelReport;
 pub use geometry::{Geometry, InstanceDesc, TriangleMesh};
@@ -36,7 +36,9 @@ use self::{
     node::{MovingNode, StillNode, WideNode},
     parts::{Part, StillPart, Target, Upper},
     ray::LocalRay,
-    walk::{Search, walk},
+    shape::Shape,
+    triangle::Meeting,
+    walk::{Search, Visit, walk},
 };
 use crate::transform::{InverseAffine, MotionTransform};
 
@@ -180,35 +182,50 @@ fn descend<S: Lanes, N: WideNode, const ANY: bool, F: FnMut(&Hit) -> bool>(
     local: &LocalRay,
     search: &mut Search<'_, F>,
 ) {
-    walk::<S, N, F>(&upper.tree, local, search, |search, entry, near| match upper.targets[entry as usize] {
-        Target::Baked => {
-            accel.baked.part.search::<S, ANY, F>(local, 0.0, search, |number| accel.baked.name(number))
-        }
-        Target::Part { instance, part } => {
-            let Some(local) = accel.instances[instance as usize].local_ray(ray, local) else { return false };
-            let name = |primitive| (instance, primitive);
-            match &accel.parts[part as usize] {
-                Part::Still(part) => part.search::<S, ANY, F>(&local, near, search, name),
-                Part::Deforming(part) => part.search::<S, ANY, F>(&local, near, search, name),
+    let mut visit = Entries::<S, ANY> { accel, targets: &upper.targets, ray, local, lanes: PhantomData };
+    walk::<S, N, F>(&upper.tree, local, search, &mut visit);
+}
+
+/// The leaves of the upper level.
+struct Entries<'a, S, const ANY: bool> {
+    accel: &'a Accel,
+    targets: &'a [Target],
+    ray: &'a Ray,
+    local: &'a LocalRay,
+    lanes: PhantomData<S>,
+}
+
+impl<S: Lanes, F: FnMut(&Hit) -> bool, const ANY: bool> Visit<F> for Entries<'_, S, ANY> {
+    #[inline(always)]
+    fn leaf(&mut self, search: &mut Search<'_, F>, leaf: u32, near: f32) -> bool {
+        let Self { accel, ray, local, .. } = *self;
+        match self.targets[leaf as usize] {
+            Target::Baked => {
+                let name = |number| accel.baked.name(number);
+                accel.baked.part.search::<S, ANY, F>(local, 0.0, search, name)
             }
-        }
-        Target::Shape { instance, shape } => {
-            let Instance { transform, place, .. } = &accel.instances[instance as usize];
-            let inverse = match place {
-                Place::Object(Some(inverse)) => Some(*inverse),
-                _ => shape.inverse(&transform.at(ray.time)),
-            };
-            let Some(inverse) = inverse else { return false };
-            for meeting in shape.meet(inverse.point(ray.origin), inverse.vector(ray.direction)) {
-                let Some(mut meeting) = meeting else { continue };
-                meeting.t = meeting.t.max(near);
-                if search.offer(meeting, instance, 0) && ANY {
-                    return true;
+            Target::Part { instance, part } => {
+                let Some(local) = accel.instances[instance as usize].local_ray(ray, local) else {
+                    return false;
+                };
+                let name = |primitive| (instance, primitive);
+                match &accel.parts[part as usize] {
+                    Part::Still(part) => part.search::<S, ANY, F>(&local, near, search, name),
+                    Part::Deforming(part) => part.search::<S, ANY, F>(&local, near, search, name),
                 }
             }
-            false
+            Target::Shape { instance, shape } => {
+                let meetings = accel.instances[instance as usize].meet_shape(shape, ray);
+                for mut meeting in meetings.into_iter().flatten() {
+                    meeting.t = meeting.t.max(near);
+                    if search.offer(meeting, instance, 0) && ANY {
+                        return true;
+                    }
+                }
+                false
+            }
         }
-    });
+    }
 }
 
 impl Instance {
@@ -221,5 +238,17 @@ impl Instance {
             Place::Object(None) => self.transform.at(ray.time).inverse()?,
         };
         LocalRay::new(inverse.point(ray.origin), inverse.vector(ray.direction), ray.time)
+    }
+
+    /// Where a ray meets the shape that this is an instance of.
+    fn meet_shape(&self, shape: Shape, ray: &Ray) -> [Option<Meeting>; 2] {
+        let inverse = match &self.place {
+            Place::Object(Some(inverse)) => Some(*inverse),
+            _ => shape.inverse(&self.transform.at(ray.time)),
+        };
+        match inverse {
+            Some(inverse) => shape.meet(inverse.point(ray.origin), inverse.vector(ray.direction)),
+            None => [None, None],
+        }
     }
 }

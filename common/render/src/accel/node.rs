@@ -2,7 +2,7 @@
 
 use super::{
     bounds::{Bounds, Box3, MovingBox},
-    lanes::Lanes,
+    lanes::{Lanes, splat3},
     ray::LocalRay,
     tree::{Slot, Tree, WIDTH},
 };
@@ -37,13 +37,16 @@ pub(super) struct NodeRay<S> {
 impl<S: Lanes> NodeRay<S> {
     #[inline(always)]
     pub fn new(ray: &LocalRay) -> Self {
-        let forward: [bool; 3] = std::array::from_fn(|axis| ray.inverse_near[axis] >= 0.0);
+        let [x, y, z] = ray.inverse_near;
+        let side =
+            |inverse: f32, axis: usize| if inverse >= 0.0 { (axis, axis + 3) } else { (axis + 3, axis) };
+        let (x, y, z) = (side(x, 0), side(y, 1), side(z, 2));
         Self {
-            origin: ray.origin.map(S::splat),
-            inverse_near: ray.inverse_near.map(S::splat),
-            inverse_far: ray.inverse_far.map(S::splat),
-            first: std::array::from_fn(|axis| if forward[axis] { axis } else { axis + 3 }),
-            last: std::array::from_fn(|axis| if forward[axis] { axis + 3 } else { axis }),
+            origin: splat3(ray.origin),
+            inverse_near: splat3(ray.inverse_near),
+            inverse_far: splat3(ray.inverse_far),
+            first: [x.0, y.0, z.0],
+            last: [x.1, y.1, z.1],
             time: S::splat(ray.time),
             rest: S::splat(1.0 - ray.time),
         }

@@ -13,7 +13,7 @@ use super::{
     shape::Shape,
     tree::{Tree, WIDTH},
     triangle::{Packet, TriangleRay, candidates, finish, normal_f64},
-    walk::{Search, walk},
+    walk::{Search, Visit, walk},
 };
 
 /// Triangles that stand still in the space of their tree.
@@ -92,10 +92,12 @@ impl StillPart {
         search: &mut Search<'_, F>,
         name: impl Fn(u32) -> (u32, u32),
     ) -> bool {
-        let triangle_ray = TriangleRay::<S>::new(ray);
-        walk::<S, _, F>(&self.tree, ray, search, |search, leaf, _| {
-            test::<S, ANY, F>(&self.packets[leaf as usize], ray, &triangle_ray, near, search, &name)
-        })
+        let mut visit = StillLeaves::<S, _, ANY> {
+            part: self,
+            rays: Rays { ray, triangle: TriangleRay::new(ray), near },
+            name,
+        };
+        walk::<S, _, F>(&self.tree, ray, search, &mut visit)
     }
 }
 
@@ -143,6 +145,13 @@ impl DeformingPart {
         self.leaves.iter().map(|leaf| usize::from(leaf.count)).sum()
     }
 
+    /// The triangles of a leaf at a time.
+    fn packet(&self, leaf: u32, time: f32) -> Packet {
+        let leaf = &self.leaves[leaf as usize];
+        let members = leaf.primitives[..usize::from(leaf.count)].iter();
+        Packet::new(members.map(|&p| (p, self.mesh.corners(p, time))))
+    }
+
     /// Bytes of the leaves.
     pub fn leaf_bytes(&self) -> usize {
         self.leaves.len() * size_of::<Leaf>()
@@ -157,46 +166,90 @@ impl DeformingPart {
         search: &mut Search<'_, F>,
         name: impl Fn(u32) -> (u32, u32),
     ) -> bool {
-        let triangle_ray = TriangleRay::<S>::new(ray);
-        walk::<S, _, F>(&self.tree, ray, search, |search, leaf, _| {
-            let leaf = &self.leaves[leaf as usize];
-            let members = leaf.primitives[..usize::from(leaf.count)].iter();
-            let packet = Packet::new(members.map(|&p| (p, self.mesh.corners(p, ray.time))));
-            test::<S, ANY, F>(&packet, ray, &triangle_ray, near, search, &name)
-        })
+        let mut visit = DeformingLeaves::<S, _, ANY> {
+            part: self,
+            rays: Rays { ray, triangle: TriangleRay::new(ray), near },
+            name,
+        };
+        walk::<S, _, F>(&self.tree, ray, search, &mut visit)
     }
 }
 
-/// Tests a packet and offers what is hit, not before `near`. Whether to stop.
-#[inline(always)]
-fn test<S: Lanes, const ANY: bool, F: FnMut(&Hit) -> bool>(
-    packet: &Packet,
-    ray: &LocalRay,
-    triangle_ray: &TriangleRay<S>,
+/// A ray in the forms that a part needs.
+struct Rays<'a, S> {
+    ray: &'a LocalRay,
+    triangle: TriangleRay<S>,
+    /// Where the ray enters the box of the instance.
     near: f32,
-    search: &mut Search<'_, F>,
-    name: &impl Fn(u32) -> (u32, u32),
-) -> bool {
-    let found = candidates(packet, triangle_ray, search.t_max);
-    let mut lanes = found.lanes;
-    while lanes != 0 {
-        let lane = lanes.trailing_zeros() as usize;
-        lanes &= lanes - 1;
-        // Places after the last triangle repeat it.
-        if lane + 1 < WIDTH && packet.ids[lane] == packet.ids[lane + 1] {
-            continue;
-        }
-        if let Some(mut meeting) = finish(packet, &found, lane, ray)
-            && meeting.t <= search.t_max
-        {
-            meeting.t = meeting.t.max(near);
-            let (instance, primitive) = name(packet.ids[lane]);
-            if search.offer(meeting, instance, primitive) && ANY {
-                return true;
+}
+
+impl<S: Lanes> Rays<'_, S> {
+    /// Tests a packet and offers what is hit. Whether to stop.
+    #[inline(always)]
+    fn test<const ANY: bool, F: FnMut(&Hit) -> bool>(
+        &self,
+        packet: &Packet,
+        search: &mut Search<'_, F>,
+        name: &impl Fn(u32) -> (u32, u32),
+    ) -> bool {
+        let found = candidates(packet, &self.triangle, search.t_max);
+        let mut lanes = found.lanes;
+        while lanes != 0 {
+            let lane = lanes.trailing_zeros() as usize;
+            lanes &= lanes - 1;
+            // Places after the last triangle repeat it.
+            if lane + 1 < WIDTH && packet.ids[lane] == packet.ids[lane + 1] {
+                continue;
+            }
+            if let Some(mut meeting) = finish(packet, &found, lane, self.ray)
+                && meeting.t <= search.t_max
+            {
+                meeting.t = meeting.t.max(self.near);
+                let (instance, primitive) = name(packet.ids[lane]);
+                if search.offer(meeting, instance, primitive) && ANY {
+                    return true;
+                }
             }
         }
+        false
     }
-    false
+}
+
+struct StillLeaves<'a, S, N, const ANY: bool> {
+    part: &'a StillPart,
+    rays: Rays<'a, S>,
+    name: N,
+}
+
+impl<S, N, F, const ANY: bool> Visit<F> for StillLeaves<'_, S, N, ANY>
+where
+    S: Lanes,
+    N: Fn(u32) -> (u32, u32),
+    F: FnMut(&Hit) -> bool,
+{
+    #[inline(always)]
+    fn leaf(&mut self, search: &mut Search<'_, F>, leaf: u32, _: f32) -> bool {
+        self.rays.test::<ANY, F>(&self.part.packets[leaf as usize], search, &self.name)
+    }
+}
+
+struct DeformingLeaves<'a, S, N, const ANY: bool> {
+    part: &'a DeformingPart,
+    rays: Rays<'a, S>,
+    name: N,
+}
+
+impl<S, N, F, const ANY: bool> Visit<F> for DeformingLeaves<'_, S, N, ANY>
+where
+    S: Lanes,
+    N: Fn(u32) -> (u32, u32),
+    F: FnMut(&Hit) -> bool,
+{
+    #[inline(always)]
+    fn leaf(&mut self, search: &mut Search<'_, F>, leaf: u32, _: f32) -> bool {
+        let packet = self.part.packet(leaf, self.rays.ray.time);
+        self.rays.test::<ANY, F>(&packet, search, &self.name)
+    }
 }
 
 fn leaf_bounds<B: Bounds>(tree: &Tree, boxes: &[B]) -> Vec<B> {

@@ -64,7 +64,7 @@ impl LocalRay {
     pub fn new(origin: Vec3, direction: Vec3, time: f32) -> Option<Self> {
         // Adding zero turns -0 into +0, so that the side of a box that is met first does not hang on the sign of a zero.
         let direction = (direction + Vec3::ZERO).to_array();
-        let magnitude = direction.map(f32::abs);
+        let magnitude = [direction[0].abs(), direction[1].abs(), direction[2].abs()];
         let kz = if magnitude[0] > magnitude[1] {
             if magnitude[0] > magnitude[2] { 0 } else { 2 }
         } else if magnitude[1] > magnitude[2] {
@@ -80,12 +80,16 @@ impl LocalRay {
         }
         let (kx, ky) = ((kz + 1) % 3, (kz + 2) % 3);
         let (kx, ky) = if direction[kz] < 0.0 { (ky, kx) } else { (kx, ky) };
-        let inverse_near = direction.map(|d| 1.0 / d);
+        let inverse_near = [1.0 / direction[0], 1.0 / direction[1], 1.0 / direction[2]];
         Some(Self {
             origin: origin.to_array(),
             direction,
             inverse_near,
-            inverse_far: inverse_near.map(|i| i * FAR_SLACK),
+            inverse_far: [
+                inverse_near[0] * FAR_SLACK,
+                inverse_near[1] * FAR_SLACK,
+                inverse_near[2] * FAR_SLACK,
+            ],
             axes: [kx, ky, kz],
             shear: [direction[kx] / direction[kz], direction[ky] / direction[kz], 1.0 / direction[kz]],
             time,

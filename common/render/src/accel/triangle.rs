@@ -6,7 +6,11 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{lanes::Lanes, ray::LocalRay, tree::WIDTH};
+use super::{
+    lanes::{Lanes, splat3},
+    ray::LocalRay,
+    tree::WIDTH,
+};
 
 /// Up to eight triangles of a leaf. Places without one repeat the last.
 #[repr(C, align(64))]
@@ -42,9 +46,13 @@ impl Packet {
 
     #[inline(always)]
     fn triangle(&self, lane: usize) -> [Vec3; 3] {
-        std::array::from_fn(|corner| {
-            Vec3::from_array(std::array::from_fn(|axis| self.corners[3 * corner + axis][lane]))
-        })
+        [self.corner(0, lane), self.corner(3, lane), self.corner(6, lane)]
+    }
+
+    #[inline(always)]
+    fn corner(&self, first: usize, lane: usize) -> Vec3 {
+        let c = &self.corners;
+        Vec3::new(c[first][lane], c[first + 1][lane], c[first + 2][lane])
     }
 }
 
@@ -60,10 +68,28 @@ impl<S: Lanes> TriangleRay<S> {
     #[inline(always)]
     pub fn new(ray: &LocalRay) -> Self {
         Self {
-            origin: ray.axes.map(|axis| S::splat(ray.origin[axis])),
-            shear: ray.shear.map(S::splat),
+            origin: splat3([ray.origin[ray.axes[0]], ray.origin[ray.axes[1]], ray.origin[ray.axes[2]]]),
+            shear: splat3(ray.shear),
             axes: ray.axes,
         }
+    }
+}
+
+impl<S: Lanes> TriangleRay<S> {
+    /// A corner of each triangle as seen from the origin, axes in the order of the shear.
+    #[inline(always)]
+    fn relative(&self, packet: &Packet, corner: usize) -> [S; 3] {
+        let corners = &packet.corners[3 * corner..3 * corner + 3];
+        [
+            S::load(&corners[self.axes[0]]).sub(self.origin[0]),
+            S::load(&corners[self.axes[1]]).sub(self.origin[1]),
+            S::load(&corners[self.axes[2]]).sub(self.origin[2]),
+        ]
+    }
+
+    #[inline(always)]
+    fn sheared(&self, p: [S; 3]) -> [S; 2] {
+        [p[0].sub(self.shear[0].mul(p[2])), p[1].sub(self.shear[1].mul(p[2]))]
     }
 }
 
@@ -98,13 +124,8 @@ const fn gamma(n: u32) -> f32 {
 /// Finds the triangles of a packet that a ray may meet at `t_max` or before.
 #[inline(always)]
 pub(super) fn candidates<S: Lanes>(packet: &Packet, ray: &TriangleRay<S>, t_max: f32) -> Candidates {
-    let relative = |corner: usize| -> [S; 3] {
-        std::array::from_fn(|i| S::load(&packet.corners[3 * corner + ray.axes[i]]).sub(ray.origin[i]))
-    };
-    let sheared =
-        |p: [S; 3]| -> [S; 2] { [p[0].sub(ray.shear[0].mul(p[2])), p[1].sub(ray.shear[1].mul(p[2]))] };
-    let (a, b, c) = (relative(0), relative(1), relative(2));
-    let ([ax, ay], [bx, by], [cx, cy]) = (sheared(a), sheared(b), sheared(c));
+    let (a, b, c) = (ray.relative(packet, 0), ray.relative(packet, 1), ray.relative(packet, 2));
+    let ([ax, ay], [bx, by], [cx, cy]) = (ray.sheared(a), ray.sheared(b), ray.sheared(c));
     let u = cx.mul(by).sub(cy.mul(bx));
     let v = ax.mul(cy).sub(ay.mul(cx));
     let w = bx.mul(ay).sub(by.mul(ax));
@@ -118,11 +139,10 @@ pub(super) fn candidates<S: Lanes>(packet: &Packet, ray: &TriangleRay<S>, t_max:
 
     let determinant = u.add(v).add(w);
     let size = determinant.abs();
-    let [az, bz, cz] = [a[2], b[2], c[2]].map(|z| z.mul(ray.shear[2]));
+    let (az, bz, cz) = (a[2].mul(ray.shear[2]), b[2].mul(ray.shear[2]), c[2].mul(ray.shear[2]));
     let t = u.mul(az).add(v.mul(bz)).add(w.mul(cz)).div(determinant);
 
     // The error of t (Pharr, Jakob, Humphreys 2023, section 6.8.4): the sign of a smaller t means nothing.
-    let largest = |p: S, q: S, r: S| p.abs().max(q.abs()).max(r.abs());
     let (max_x, max_y, max_z) = (largest(ax, bx, cx), largest(ay, by, cy), largest(az, bz, cz));
     let reach = largest(a[2], b[2], c[2]);
     let (by5, by3) = (S::splat(gamma(5)), S::splat(gamma(3)));
@@ -150,6 +170,11 @@ pub(super) fn candidates<S: Lanes>(packet: &Packet, ray: &TriangleRay<S>, t_max:
     Candidates { lanes, unsure, values }
 }
 
+#[inline(always)]
+fn largest<S: Lanes>(a: S, b: S, c: S) -> S {
+    a.abs().max(b.abs()).max(c.abs())
+}
+
 /// Finishes one candidate: `None` if it is not hit after all, else where, never before the ray enters the triangle's own box.
 ///
 /// Holding on to that box makes the answer independent of the tree: every node that holds the triangle is entered no
@@ -157,8 +182,8 @@ pub(super) fn candidates<S: Lanes>(packet: &Packet, ray: &TriangleRay<S>, t_max:
 #[inline(always)]
 pub(super) fn finish(packet: &Packet, found: &Candidates, lane: usize, ray: &LocalRay) -> Option<Meeting> {
     let corners = packet.triangle(lane);
-    let [t, u, v] = found.values.map(|values| values[lane]);
-    let mut meeting = Meeting { t, u, v };
+    let [t, u, v] = &found.values;
+    let mut meeting = Meeting { t: t[lane], u: u[lane], v: v[lane] };
     if found.unsure & (1 << lane) != 0 {
         meeting = decide(&corners, ray)?;
     }

@@ -60,18 +60,24 @@ impl Step {
     }
 }
 
-/// Visits the leaves that the ray meets, until one says to stop. A leaf is given with the distance at which the ray enters
-/// its box (zero where the tree is a single leaf). Returns whether it was stopped.
+/// What happens at the leaves of a tree. Not a closure, because the compiler cannot be told to inline one, and what is not inlined
+/// below a function compiled for AVX2 is not compiled for it.
+pub(super) trait Visit<F> {
+    /// Looks at a leaf whose box the ray enters at `near` (zero where the tree is a single leaf). Whether to stop.
+    fn leaf(&mut self, search: &mut Search<'_, F>, leaf: u32, near: f32) -> bool;
+}
+
+/// Visits the leaves that the ray meets, until one says to stop; returns whether it did.
 #[inline(always)]
 pub(super) fn walk<S: Lanes, N: WideNode, F>(
     tree: &Wide<N>,
     ray: &LocalRay,
     search: &mut Search<'_, F>,
-    mut visit: impl FnMut(&mut Search<'_, F>, u32, f32) -> bool,
+    visit: &mut impl Visit<F>,
 ) -> bool {
     let Some(root) = tree.root else { return false };
     if let Some(leaf) = root.leaf() {
-        return visit(search, leaf, 0.0);
+        return visit.leaf(search, leaf, 0.0);
     }
     let mut small = [MaybeUninit::<Step>::uninit(); SMALL_STACK];
     let mut large = Vec::new();
@@ -86,26 +92,25 @@ pub(super) fn walk<S: Lanes, N: WideNode, F>(
     let mut step = Step::new(0.0, root);
     loop {
         if let Some(leaf) = step.link().leaf() {
-            if visit(search, leaf, step.near()) {
+            if visit.leaf(search, leaf, step.near()) {
                 return true;
             }
         } else {
-            let node = &tree.nodes[step.link().0 as usize];
+            // SAFETY: links were made by `Wide::new` from the indices of these very nodes.
+            let node = unsafe { tree.nodes.get_unchecked(step.link().0 as usize) };
             let (mut mask, near) = node.meet(&node_ray, search.t_max);
             if mask != 0 {
                 let mut nears = [0.0; 8];
                 near.store(&mut nears);
-                let mut take = || {
+                let links = node.links();
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                step = Step::new(nears[lane], links[lane]);
+                let bottom = filled;
+                while mask != 0 {
                     let lane = mask.trailing_zeros() as usize;
                     mask &= mask - 1;
-                    (Step::new(nears[lane], node.links()[lane]), mask)
-                };
-                let (first, mut rest) = take();
-                step = first;
-                let bottom = filled;
-                while rest != 0 {
-                    let (other, left) = take();
-                    rest = left;
+                    let other = Step::new(nears[lane], links[lane]);
                     let (nearer, farther) = if other < step { (other, step) } else { (step, other) };
                     step = nearer;
                     // Keep the new part of the stack sorted, nearest on top.
