@@ -8,7 +8,7 @@ use crate::store::{Store, StoredJob};
 use crate::tally::Tally;
 use farm_film::WorkUnit;
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
-use farm_proto::convert::{FromWorker, Grant, Hello, ToWorker};
+use farm_proto::convert::{FromWorker, Grant, Heartbeat, Hello, ToWorker};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict, WhyDisconnect};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -105,6 +105,9 @@ impl Driver {
         match input {
             Input::Join { hello, outgoing, reply } => self.join(hello, outgoing, reply),
             Input::Said { worker, message } => self.said(worker, message),
+            Input::Beat(Heartbeat { worker, leases, round_trip }) => {
+                self.handle(Event::Heartbeat { worker, leases, round_trip });
+            }
             Input::Arrived(arrived) => self.arrived(*arrived).await,
             Input::Left { worker } => {
                 if let Some(left) = self.workers.remove(&worker) {
@@ -148,11 +151,6 @@ impl Driver {
 
     fn said(&mut self, worker: WorkerId, message: FromWorker) {
         match message {
-            FromWorker::Heartbeat(beat) => {
-                self.say(worker, ToWorker::Heard(beat.number));
-                let (leases, round_trip) = (beat.leases, beat.round_trip);
-                self.handle(Event::Heartbeat { worker, leases, round_trip });
-            }
             FromWorker::UnitFailed { lease, reason } => {
                 warn!(%worker, %lease, %reason, "unit failed");
                 self.handle(Event::UnitFailed { worker, lease, reason });

@@ -9,7 +9,7 @@ use crate::tally::Tally;
 use bytes::Bytes;
 use farm_film::{Counters, ErrorEstimate, FilmTile, FrameIndex};
 use farm_job::{JobId, JobSpec, WorkerId};
-use farm_proto::convert::{FromWorker, Hello, ToWorker, UnitResult};
+use farm_proto::convert::{FromWorker, Heartbeat, Hello, ToWorker, UnitResult};
 use farm_scene::SceneId;
 use farm_scheduler::Status;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ pub(crate) enum Input {
     Join { hello: Hello, outgoing: mpsc::Sender<ToWorker>, reply: oneshot::Sender<WorkerId> },
     /// A worker said something else than a result.
     Said { worker: WorkerId, message: FromWorker },
+    /// A worker lives.
+    Beat(Heartbeat),
     /// A result came and was looked at.
     Arrived(Box<Arrived>),
     /// A connection is gone.

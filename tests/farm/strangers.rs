@@ -76,6 +76,10 @@ impl Farm for Elsewhere {
         Err(Status::failed_precondition("its renderer is young, the coordinator's is old"))
     }
 
+    async fn beat(&self, _: Request<v1::Heartbeat>) -> Result<Response<v1::Heard>, Status> {
+        Err(Status::not_found("no"))
+    }
+
     async fn get_job(&self, _: Request<v1::GetJobRequest>) -> Result<Response<v1::JobSpec>, Status> {
         Err(Status::not_found("no"))
     }

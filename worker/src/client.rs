@@ -2,7 +2,7 @@
 
 use bytes::BytesMut;
 use farm_job::{JobId, JobSpec};
-use farm_proto::convert::ConvertError;
+use farm_proto::convert::{ConvertError, Heartbeat};
 use farm_proto::v1::{self, farm_client::FarmClient};
 use farm_proto::{MESSAGE_BYTES_MAX, v1::SceneChunk};
 use farm_scene::SceneId;
@@ -70,6 +70,12 @@ impl Client {
     /// The stub itself.
     pub fn stub(&self) -> FarmClient<Channel> {
         self.farm.clone()
+    }
+
+    /// A sign of life; not heard is not tried again, the next one is due soon.
+    pub async fn beat(&self, beat: Heartbeat) -> Result<(), FetchError> {
+        self.stub().beat(v1::Heartbeat::from(beat)).await?;
+        Ok(())
     }
 
     /// What a granted unit belongs to.

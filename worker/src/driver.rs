@@ -2,17 +2,18 @@
 
 use crate::agent::{Action, Agent, Event, FrameKey};
 use crate::frames::{self, FrameError, Prepared};
+use crate::heartbeat::Heartbeats;
 use crate::link::{LinkError, LinkEvent, Target, Up, keep_connected};
 use crate::render_pool::{Assignment, Ended, ReadyFrame, RenderPool};
 use crate::renderer::FINGERPRINT;
 use crate::scene_cache::SceneCache;
 use farm_job::LeaseId;
 use farm_proto::PROTOCOL_VERSION;
-use farm_proto::convert::{FromWorker, Grant, Heartbeat, Hello, ToWorker, UnitResult};
+use farm_proto::convert::{FromWorker, Grant, Hello, ToWorker, UnitResult};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::sync::mpsc;
 use tracing::{debug, info, warn};
 
@@ -87,7 +88,7 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
         pool,
         scenes: config.scenes,
         up: None,
-        beats: Beats::default(),
+        beats: None,
         frames: BTreeMap::new(),
         stops: BTreeMap::new(),
         results: BTreeMap::new(),
@@ -101,10 +102,6 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
             },
             Some(end) = ended.recv() => Some(driver.ended(end)),
             Some(done) = prepared.recv() => driver.prepared(done).await,
-            () = driver.beats.next() => {
-                driver.beat().await;
-                None
-            }
             order = orders.recv() => match order {
                 Some(Order::Drain) => Some(Event::Drain),
                 Some(Order::Leave) | None => break Ok(Left::AtOnce),
@@ -112,6 +109,9 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
         };
         if let Some(event) = event {
             driver.agent.handle(event);
+            if let Some(beats) = &driver.beats {
+                beats.hold(driver.agent.leases());
+            }
             if driver.perform().await {
                 break Ok(Left::Drained);
             }
@@ -120,32 +120,6 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
     driver.stop_all();
     connection.abort();
     left
-}
-
-/// Heartbeats: when the next is due, and how long the last one took there and back.
-#[derive(Default)]
-struct Beats {
-    ticks: Option<tokio::time::Interval>,
-    number: u64,
-    sent: Option<Instant>,
-    round_trip: Option<Duration>,
-}
-
-impl Beats {
-    async fn next(&mut self) {
-        match &mut self.ticks {
-            Some(ticks) => {
-                ticks.tick().await;
-            }
-            None => std::future::pending().await,
-        }
-    }
-
-    fn heard(&mut self, number: u64) {
-        if let Some(sent) = self.sent.take_if(|_| number == self.number) {
-            self.round_trip = Some(sent.elapsed());
-        }
-    }
 }
 
 /// A frame that was prepared, for the session that wanted it.
@@ -160,7 +134,7 @@ struct Driver {
     pool: RenderPool,
     scenes: Arc<SceneCache>,
     up: Option<Up>,
-    beats: Beats,
+    beats: Option<Heartbeats>,
     frames: BTreeMap<FrameKey, Arc<ReadyFrame>>,
     stops: BTreeMap<LeaseId, Arc<AtomicBool>>,
     results: BTreeMap<LeaseId, UnitResult>,
@@ -174,14 +148,14 @@ impl Driver {
             LinkEvent::Up(up) => {
                 info!(worker = %up.worker, "connected");
                 let session = up.session;
-                self.beats = Beats { ticks: Some(tokio::time::interval(up.heartbeat)), ..Beats::default() };
+                self.beats = Some(Heartbeats::start(up.client.clone(), up.worker, up.heartbeat));
                 self.up = Some(up);
                 Some(Event::Welcomed { session })
             }
             LinkEvent::Down { reason } => {
                 warn!(%reason, "connection lost; trying again");
                 self.up = None;
-                self.beats = Beats::default();
+                self.beats = None;
                 Some(Event::Disconnected)
             }
             LinkEvent::Ended(error) => return Err(Err(error.into())),
@@ -193,10 +167,6 @@ impl Driver {
                 ToWorker::Reject { lease, reason } => {
                     info!(%lease, %reason, "result not wanted");
                     Some(Event::Settled(lease))
-                }
-                ToWorker::Heard(number) => {
-                    self.beats.heard(number);
-                    None
                 }
                 ToWorker::Drained => return Err(Ok(Left::Drained)),
                 ToWorker::Farewell(reason) => return Err(Ok(Left::Farewell(reason))),
@@ -242,14 +212,6 @@ impl Driver {
                 Some(Event::PrepareFailed(key, error.to_string()))
             }
         }
-    }
-
-    async fn beat(&mut self) {
-        self.beats.number += 1;
-        self.beats.sent = Some(Instant::now());
-        let (number, round_trip) = (self.beats.number, self.beats.round_trip);
-        let leases = self.agent.leases();
-        self.say(FromWorker::Heartbeat(Heartbeat { leases, number, round_trip })).await;
     }
 
     /// Does what the agent wants; true when it wants to leave.

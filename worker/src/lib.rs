@@ -7,6 +7,7 @@ pub mod cli;
 pub mod client;
 pub mod driver;
 pub mod frames;
+mod heartbeat;
 pub mod link;
 pub mod log;
 pub mod program;

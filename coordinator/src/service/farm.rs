@@ -57,6 +57,12 @@ impl farm_server::Farm for FarmService {
         Ok(Response::new(Box::pin(answers)))
     }
 
+    async fn beat(&self, request: Request<v1::Heartbeat>) -> Result<Response<v1::Heard>, Status> {
+        let beat = Input::Beat(request.into_inner().into());
+        self.farm.tell(beat).await.map_err(|err| Status::unavailable(err.to_string()))?;
+        Ok(Response::new(v1::Heard {}))
+    }
+
     async fn get_job(&self, request: Request<v1::GetJobRequest>) -> Result<Response<v1::JobSpec>, Status> {
         let job = JobId(request.into_inner().job);
         let spec =

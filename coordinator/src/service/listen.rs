@@ -90,7 +90,8 @@ impl Listener {
                 .build_v1()
                 .expect("our own description is well-formed");
             let (_, health) = tonic_health::server::health_reporter();
-            router = router.add_service(ControlServer::new(control)).add_service(reflection).add_service(health);
+            router =
+                router.add_service(ControlServer::new(control)).add_service(reflection).add_service(health);
         }
         tokio::spawn(async move {
             if let Err(error) = router.serve_with_incoming(incoming).await {

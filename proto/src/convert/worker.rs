@@ -62,12 +62,12 @@ pub struct Grant {
 }
 
 /// A sign of life.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Heartbeat {
+    /// Whose.
+    pub worker: WorkerId,
     /// Leases held: waiting, rendered or not yet acknowledged.
     pub leases: Vec<LeaseId>,
-    /// Counts upwards.
-    pub number: u64,
     /// Of the latest heartbeat that was heard.
     pub round_trip: Option<Duration>,
 }
@@ -77,8 +77,6 @@ pub struct Heartbeat {
 pub enum FromWorker {
     /// First of all.
     Hello(Hello),
-    /// Still there.
-    Heartbeat(Heartbeat),
     /// A unit is rendered.
     Result(UnitResult),
     /// A unit cannot be rendered here.
@@ -124,8 +122,6 @@ pub enum ToWorker {
         /// Names the coordinator's life.
         session: u64,
     },
-    /// This heartbeat came.
-    Heard(u64),
     /// Render this.
     Grant(Grant),
     /// Do not render this any more.
@@ -164,13 +160,6 @@ impl From<FromWorker> for v1::WorkerMessage {
                 slots: hello.slots,
                 fingerprint: hello.fingerprint,
             }),
-            FromWorker::Heartbeat(beat) => FromWorkerMessage::Heartbeat(v1::Heartbeat {
-                leases: beat.leases.into_iter().map(|lease| lease.0).collect(),
-                number: beat.number,
-                round_trip_us: beat
-                    .round_trip
-                    .map(|time| u64::try_from(time.as_micros()).unwrap_or(u64::MAX)),
-            }),
             FromWorker::Result(result) => FromWorkerMessage::Result(v1::Result {
                 lease: result.lease.0,
                 job: result.job.0,
@@ -206,11 +195,6 @@ impl TryFrom<v1::WorkerMessage> for FromWorker {
     fn try_from(wire: v1::WorkerMessage) -> Result<Self, ConvertError> {
         Ok(match wire.message.ok_or(ConvertError::Missing("content"))? {
             FromWorkerMessage::Hello(hello) => Self::Hello(hello.try_into()?),
-            FromWorkerMessage::Heartbeat(beat) => Self::Heartbeat(Heartbeat {
-                leases: beat.leases.into_iter().map(LeaseId).collect(),
-                number: beat.number,
-                round_trip: beat.round_trip_us.map(Duration::from_micros),
-            }),
             FromWorkerMessage::Result(result) => Self::Result(result.try_into()?),
             FromWorkerMessage::UnitFailed(failed) => {
                 Self::UnitFailed { lease: LeaseId(failed.lease), reason: text("reason", failed.reason)? }
@@ -227,6 +211,26 @@ impl TryFrom<v1::WorkerMessage> for FromWorker {
                 Self::JobRefused { job: JobId(refused.job), reason: text("reason", refused.reason)? }
             }
         })
+    }
+}
+
+impl From<Heartbeat> for v1::Heartbeat {
+    fn from(beat: Heartbeat) -> Self {
+        Self {
+            worker: beat.worker.0,
+            leases: beat.leases.into_iter().map(|lease| lease.0).collect(),
+            round_trip_us: beat.round_trip.map(|time| u64::try_from(time.as_micros()).unwrap_or(u64::MAX)),
+        }
+    }
+}
+
+impl From<v1::Heartbeat> for Heartbeat {
+    fn from(beat: v1::Heartbeat) -> Self {
+        Self {
+            worker: WorkerId(beat.worker),
+            leases: beat.leases.into_iter().map(LeaseId).collect(),
+            round_trip: beat.round_trip_us.map(Duration::from_micros),
+        }
     }
 }
 
@@ -271,7 +275,6 @@ impl From<ToWorker> for v1::CoordinatorMessage {
                 heartbeat_ms: u32::try_from(heartbeat.as_millis()).unwrap_or(u32::MAX),
                 session,
             }),
-            ToWorker::Heard(number) => ToWorkerMessage::Heard(v1::Heard { number }),
             ToWorker::Grant(grant) => ToWorkerMessage::Grant(v1::Grant {
                 lease: grant.lease.0,
                 job: grant.job.0,
@@ -304,7 +307,6 @@ impl TryFrom<v1::CoordinatorMessage> for ToWorker {
                 heartbeat: Duration::from_millis(u64::from(welcome.heartbeat_ms.max(10))),
                 session: welcome.session,
             },
-            ToWorkerMessage::Heard(heard) => Self::Heard(heard.number),
             ToWorkerMessage::Grant(grant) => Self::Grant(Grant {
                 lease: LeaseId(grant.lease),
                 job: JobId(grant.job),
@@ -351,11 +353,6 @@ mod tests {
         };
         let messages = [
             FromWorker::Hello(hello),
-            FromWorker::Heartbeat(Heartbeat {
-                leases: vec![LeaseId(1), LeaseId(9)],
-                number: 3,
-                round_trip: Some(Duration::from_micros(250)),
-            }),
             FromWorker::Returned(LeaseId(4)),
             FromWorker::JobRefused { job: JobId(2), reason: "needs 80 GB".into() },
             FromWorker::Result(result),
@@ -365,6 +362,16 @@ mod tests {
         for message in messages {
             assert_eq!(FromWorker::try_from(v1::WorkerMessage::from(message.clone())).unwrap(), message);
         }
+    }
+
+    #[test]
+    fn a_heartbeat_survives_the_journey() {
+        let beat = Heartbeat {
+            worker: WorkerId(7),
+            leases: vec![LeaseId(1), LeaseId(9)],
+            round_trip: Some(Duration::from_micros(250)),
+        };
+        assert_eq!(Heartbeat::from(v1::Heartbeat::from(beat.clone())), beat);
     }
 
     #[test]
@@ -378,7 +385,6 @@ mod tests {
         };
         let messages = [
             ToWorker::Welcome { worker: WorkerId(3), heartbeat: Duration::from_secs(1), session: 11 },
-            ToWorker::Heard(3),
             ToWorker::Grant(grant),
             ToWorker::Revoke(LeaseId(5)),
             ToWorker::Ack(LeaseId(5)),
