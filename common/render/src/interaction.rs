@@ -93,6 +93,16 @@ impl<'a> Interaction<'a> {
         }
     }
 
+    /// A ray to a light `distance` metres away. It ends before the light by what rounding may have moved its ends, so that a
+    /// surface in which the light lies does not hide it; but not by more, so that a wall just before the light does.
+    pub fn spawn_towards(&self, direction: Vec3, time: f32, distance: f32) -> Ray {
+        /// Relative error of the distance along a ray that meets the light's plane under a degree: 2^-24 / sin(1 degree), doubled
+        /// to a power of two.
+        const REACH: f32 = 1.0 - 1.0 / (1 << 17) as f32;
+        let error = 2.0 * (self.error.x + self.error.y + self.error.z);
+        self.spawn(direction, time, (distance * REACH - error).max(0.0))
+    }
+
     /// A ray that leaves the surface into `direction` (unit, world).
     pub fn spawn(&self, direction: Vec3, time: f32, t_max: f32) -> Ray {
         let origin = crate::accel::offset_origin(self.point, self.error, self.normal_geometric, direction);

@@ -11,9 +11,6 @@ use crate::sampling::power_heuristic;
 use farm_film::Counters;
 use glam::Vec3;
 
-/// Shadow rays end this fraction of the way before the light, so that the light's own surface does not hide it.
-const SHADOW_REACH: f32 = 1.0 - 1.0 / 8192.0;
-
 /// Where a ray was scattered: what multiple importance sampling has to ask the lights again.
 #[derive(Clone, Copy)]
 struct Origin {
@@ -241,7 +238,7 @@ pub(super) fn direct<const CUTOUTS: bool>(
         return Vec3::ZERO;
     }
     counters.rays_shadow += 1;
-    let ray = at.spawn(light.direction, time, light.distance * SHADOW_REACH);
+    let ray = at.spawn_towards(light.direction, time, light.distance);
     if is_occluded::<CUTOUTS>(scene, &ray, passes, &light) {
         return Vec3::ZERO;
     }
