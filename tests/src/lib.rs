@@ -1,3 +1,5 @@
-//! What the stories and benchmarks that run the real farm have in common.
+//! What the stories and benchmarks that run the real farm have in common, and the cases that hold the renderer against certain
+//! answers.
 
 pub mod scenes;
+pub mod stability;

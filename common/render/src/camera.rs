@@ -73,6 +73,8 @@ impl Camera {
         };
         if let Some(thin_lens) = &self.lens {
             let shift = (thin_lens.aperture.sample(lens) * thin_lens.radius).extend(0.0);
+            #[cfg(feature = "mutations")]
+            let shift = crate::mutations::lens_point(shift, thin_lens.radius);
             // The point in focus is origin + focus * direction, for direction.z = -1; seen from the lens point, and divided by
             // the focus distance so that an infinite one needs no case of its own.
             origin += shift;

@@ -106,6 +106,9 @@ impl<'a> Interaction<'a> {
     /// A ray that leaves the surface into `direction` (unit, world).
     pub fn spawn(&self, direction: Vec3, time: f32, t_max: f32) -> Ray {
         let origin = crate::accel::offset_origin(self.point, self.error, self.normal_geometric, direction);
+        #[cfg(feature = "mutations")]
+        let (origin, time) =
+            (crate::mutations::start(origin, direction), crate::mutations::time_of_bounce(time));
         Ray { origin, direction, time, t_max }
     }
 }

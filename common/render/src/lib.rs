@@ -10,6 +10,8 @@ mod integrator;
 mod interaction;
 pub mod light;
 pub mod math;
+#[cfg(feature = "mutations")]
+pub mod mutations;
 mod prepared;
 pub mod sampler;
 pub mod sampling;

@@ -54,6 +54,10 @@ impl Affine {
     /// flattens it away.
     #[inline]
     pub fn normal(&self, n: Vec3) -> Vec3 {
+        #[cfg(feature = "mutations")]
+        if crate::mutations::is_on(crate::mutations::Mutation::NormalAsDirection) {
+            return (self.linear * n).normalize_or_zero();
+        }
         self.normal_f64(n.as_dvec3()).as_vec3()
     }
 
@@ -208,6 +212,8 @@ impl MotionTransform {
                     lerp(a.stretch.z_axis.as_dvec3(), b.stretch.z_axis.as_dvec3()),
                 );
                 let translation = lerp(a.translation.as_dvec3(), b.translation.as_dvec3()).as_vec3();
+                #[cfg(feature = "mutations")]
+                let translation = crate::mutations::translation(translation, keys[0].translation);
                 turned(arcs[segment].at(f), stretch, translation)
             }
         }

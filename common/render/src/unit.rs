@@ -26,6 +26,8 @@ pub fn render(
     let mut counters = Counters::default();
     let mut sums = Vec::with_capacity(tile.area());
     for (x, y) in tile.pixels() {
+        #[cfg(feature = "mutations")]
+        let (x, y) = crate::mutations::pixel_of_tile((x, y), tile, scene.resolution().width());
         let mut tree = PixelTree::default();
         let mut start = block.start();
         while start < block.end() {
@@ -36,7 +38,10 @@ pub fn render(
             tree.push(render_leaf(scene, x, y, start..end, &mut counters));
             start = end;
         }
-        sums.push(tree.total());
+        let total = tree.total();
+        #[cfg(feature = "mutations")]
+        let total = crate::mutations::block_sum(total, block);
+        sums.push(total);
     }
     Some(Rendered { tile: FilmTile::new(tile, block, sums), counters })
 }

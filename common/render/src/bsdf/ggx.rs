@@ -30,7 +30,10 @@ impl Ggx {
     /// From perceptual roughness in [0, 1]: alpha = roughness^2, as glTF says.
     pub fn from_roughness(roughness: f32) -> Self {
         let roughness = roughness.clamp(0.0, 1.0);
-        Self { alpha: roughness * roughness }
+        let alpha = roughness * roughness;
+        #[cfg(feature = "mutations")]
+        let alpha = crate::mutations::alpha(alpha, roughness);
+        Self { alpha }
     }
 
     /// Width of the distribution: tangent of the typical slope.

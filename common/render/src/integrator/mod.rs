@@ -49,8 +49,12 @@ impl Sampling {
     fn camera_ray(&self, scene: &PreparedScene) -> Ray {
         let [film_u, film_v, lens_u, lens_v] = self.sampler.set(dimension::CAMERA);
         let [dx, dy] = scene.filter.sample([film_u, film_v]);
+        #[cfg(feature = "mutations")]
+        let [dx, dy] = crate::mutations::filtered([dx, dy], [film_u, film_v], scene.filter.radius());
         let film = [f64::from(self.x) + 0.5 + f64::from(dx), f64::from(self.y) + 0.5 + f64::from(dy)];
         let time = if scene.is_moving { self.sampler.set(dimension::TIME)[0] } else { 0.0 };
+        #[cfg(feature = "mutations")]
+        let time = crate::mutations::camera_time(time);
         scene.camera.ray(film, [lens_u, lens_v], time)
     }
 }

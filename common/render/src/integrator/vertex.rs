@@ -49,6 +49,8 @@ impl Carried {
         if u >= survival {
             return false;
         }
+        #[cfg(feature = "mutations")]
+        let survival = crate::mutations::survival(survival);
         self.beta /= survival;
         true
     }
@@ -135,6 +137,10 @@ fn is_occluded<const CUTOUTS: bool>(
     passes: &Passes,
     light: &LightSample,
 ) -> bool {
+    #[cfg(feature = "mutations")]
+    if crate::mutations::is_on(crate::mutations::Mutation::NoShadows) {
+        return false;
+    }
     // A point on an emitter is never hidden by the very surface that it lies on.
     let other = |hit: &Hit| match light.emitter {
         Emitter::Triangle { instance, primitive, .. } => {
@@ -188,6 +194,8 @@ pub(super) fn emission(
         };
         power_heuristic(origin.pdf, light_pdf)
     });
+    #[cfg(feature = "mutations")]
+    let weight = crate::mutations::chance_weight(weight);
     carried.beta * radiance * weight
 }
 
@@ -211,6 +219,8 @@ pub(super) fn direct<const CUTOUTS: bool>(
     let Some(light) = scene.lights.sample(&surface.receiver(time), &scene.world, choice, [u, v]) else {
         return Vec3::ZERO;
     };
+    #[cfg(feature = "mutations")]
+    let light = crate::mutations::light_sample(light);
     let (wo_local, wi_local) = (surface.wo_local, surface.frame.to_local(light.direction));
     // Light that another ray may find too is shared with it.
     let share = |pdf: f32| if light.delta { 1.0 } else { power_heuristic(light.pdf, pdf) };
@@ -226,6 +236,8 @@ pub(super) fn direct<const CUTOUTS: bool>(
         }
     };
     let scattered = weighted * wi_local.z.abs();
+    #[cfg(feature = "mutations")]
+    let scattered = crate::mutations::scattered(scattered, weighted);
     if scattered == Vec3::ZERO || !surface.agrees(light.direction, wi_local) {
         return Vec3::ZERO;
     }

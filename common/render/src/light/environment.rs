@@ -138,7 +138,10 @@ impl EnvironmentLight {
             Sampling::Image => {
                 let (direction, index) = self.sample_image(u);
                 let pixel = self.pixels[index];
-                (direction, luminance(pixel) / self.total(), Vec3::from_array(pixel))
+                let pdf = luminance(pixel) / self.total();
+                #[cfg(feature = "mutations")]
+                let pdf = crate::mutations::environment_density(pdf, direction.y);
+                (direction, pdf, Vec3::from_array(pixel))
             }
         }
     }

@@ -33,6 +33,10 @@ impl PreparedScene {
         if matches!(at.material.surface, Surface::Unlit) {
             return self.base_color(at.material, at.mesh, &at.corners).truncate();
         }
+        #[cfg(feature = "mutations")]
+        if crate::mutations::is_on(crate::mutations::Mutation::EmitterTwoSided) {
+            return emitted_by(&self.textures(), at.material, at.mesh, &at.corners);
+        }
         if !(at.front || at.material.double_sided) {
             return Vec3::ZERO;
         }

@@ -43,6 +43,8 @@ impl Sampler {
     pub fn with_sequence(sequence: Sequence, seed: u64, frame: u32, x: u32, y: u32, index: u64) -> Self {
         // The sequence has 2^32 points; what comes after is another sequence.
         let (high, low) = ((index >> 32) as u32, index as u32);
+        #[cfg(feature = "mutations")]
+        let ((x, y), low) = (crate::mutations::pixel_of_sequence(x, y), crate::mutations::low_index(low));
         let mut key = mix(mix(mix(seed) ^ join(x, y)) ^ join(frame, high));
         if sequence == Sequence::Independent {
             key = mix(key ^ u64::from(low));
