@@ -3,9 +3,9 @@
 use farm_scene::{Environment, Image, LightKind, Pixels, Scene, Surface};
 use glam::{Quat, Vec3};
 
-/// Size of the image; the light is so soft that more would not be seen.
-const WIDTH: u32 = 64;
-const HEIGHT: u32 = 32;
+/// Size of the image: fine enough that its pixels are not seen as bands.
+const WIDTH: u32 = 256;
+const HEIGHT: u32 = 128;
 
 /// Radiance straight above and straight below.
 const ABOVE: f32 = 1.0;

@@ -3,7 +3,7 @@
 use super::Fault;
 use super::picture::{FilterArg, IntegratorArg, PictureArgs, ShutterPosition};
 use super::scene_file;
-use farm_import::ImportReport;
+use farm_import::{ImportReport, is_lit, studio_environment};
 use farm_scene::{Camera, Filter, Integrator, Lens, Scene, SceneId, Settings, Shutter, encode};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -33,6 +33,13 @@ impl PictureArgs {
         self.override_lens(&mut scene.cameras[camera])?;
         self.override_shutter(&mut scene.cameras[camera]);
         self.override_environment(&mut scene, &mut report)?;
+        if !is_lit(&scene) {
+            scene.environment = Some(studio_environment());
+            report.warnings.push(
+                "the scene has no light of its own and is lit by a studio; --environment FILE gives it another"
+                    .to_owned(),
+            );
+        }
         scene.validate().map_err(Fault::input)?;
         let settings = Settings {
             camera: u32::try_from(camera).expect("scenes have fewer cameras than that"),
