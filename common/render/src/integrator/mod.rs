@@ -22,12 +22,12 @@ mod dimension {
     /// First set of the path; every vertex takes two.
     pub const PATH: u32 = 2;
 
-    /// Choice of a light, point on it, point on it, roulette.
+    /// Point on a light twice (the best pair of a set), choice of the light, roulette.
     pub const fn light(vertex: u32) -> u32 {
         PATH + 2 * vertex
     }
 
-    /// Choice of a lobe, direction, direction; the last is free.
+    /// Direction twice, choice of a lobe, choice of a part of the material.
     pub const fn scatter(vertex: u32) -> u32 {
         PATH + 2 * vertex + 1
     }

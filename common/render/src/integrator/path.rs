@@ -26,14 +26,14 @@ pub(super) fn radiance<const CUTOUTS: bool>(
         let (found, at) = arrive::<CUTOUTS>(scene, &ray, &passes, &mut carried);
         radiance += found;
         let Some(at) = at.filter(|_| depth < scene.settings.max_depth) else { break };
-        let [lobe, u, v, pick] = sampler.set(dimension::scatter(depth));
-        let scatter = [lobe, u, v];
+        let [u, v, lobe, pick] = sampler.set(dimension::scatter(depth));
+        let scatter = [u, v, lobe];
         let Some(bsdf) = scene.bsdf(&at, pick) else { break };
         let surface = Surface::new(&at, bsdf);
 
         // Direct light.
-        let [choice, u, v, roulette] = sampler.set(dimension::light(depth));
-        let light = [choice, u, v];
+        let [u, v, choice, roulette] = sampler.set(dimension::light(depth));
+        let light = [u, v, choice];
         radiance += vertex::direct::<CUTOUTS>(
             scene,
             &surface,

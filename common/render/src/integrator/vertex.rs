@@ -90,8 +90,8 @@ impl<'a> Surface<'a> {
     }
 
     /// The direction that the surface scatters into, chosen by three numbers in [0, 1).
-    pub fn sample(&self, [lobe, u, v]: [f32; 3]) -> Option<BsdfSample> {
-        self.bsdf.sample(self.wo_local, [u, v, lobe])
+    pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {
+        self.bsdf.sample(self.wo_local, u)
     }
 
     /// Whether `wi` leaves the real surface on the side on which it leaves the shading frame. Where it does not, light would
@@ -207,7 +207,7 @@ pub(super) fn direct<const CUTOUTS: bool>(
     surface: &Surface<'_>,
     carried: &Carried,
     time: f32,
-    [choice, u, v]: [f32; 3],
+    [u, v, choice]: [f32; 3],
     followed: &Followed,
     passes: &Passes,
     counters: &mut Counters,
