@@ -44,7 +44,7 @@ fn put(gltf: &mut Gltf, name: &str, shape: &Shape, material: Material, placement
 /// and behind it, and a blue ball in flight.
 pub fn cornell(scale: Scale) -> Gltf {
     let mut gltf = Gltf::new(scale);
-    let white = room(&mut gltf, [0.45, 0.3], 16.0);
+    let white = room(&mut gltf, [0.6, 0.4], 9.0);
     let tall = cuboid([-0.3, 0.0, -0.3], [0.3, 1.1, 0.3]);
     put(&mut gltf, "tall box", &tall, white, Placement::turned([0.48, 0.0, -0.85], -17.0));
 
@@ -55,7 +55,7 @@ pub fn cornell(scale: Scale) -> Gltf {
     };
     let gold = gltf.metal("gold", [1.0, 0.71, 0.29], 0.25);
     ball(&mut gltf, "gold", gold, [-0.58, 0.44, -0.05], 0.44);
-    let silver = gltf.metal("silver", [0.95, 0.94, 0.92], 0.05);
+    let silver = gltf.metal("silver", [0.95, 0.94, 0.92], 0.1);
     ball(&mut gltf, "silver", silver, [0.16, 0.22, 0.42], 0.22);
     let blue = gltf.plastic("blue", [0.08, 0.22, 0.75], 0.3);
     let flying = ball(&mut gltf, "flying", blue, [0.02, 1.12, 0.1], 0.15);
