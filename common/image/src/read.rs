@@ -263,7 +263,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.hdr");
         let pixels = [image::Rgb([0.5f32, 1000.0, 0.0]), image::Rgb([2.0, 2.0, 0.25])];
-        let file = std::fs::File::create(&path).unwrap();
+        let file = File::create(&path).unwrap();
         image::codecs::hdr::HdrEncoder::new(file).encode(&pixels, 1, 2).unwrap();
         let read = read_image(&path).unwrap();
         assert_eq!((read.resolution.width(), read.resolution.height()), (1, 2));
