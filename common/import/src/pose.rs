@@ -1,6 +1,6 @@
 //! The scene at time 0: where nodes are, and a box around everything that is drawn.
 
-use farm_scene::{Channel, Mesh, Node, Path, Scene, Skin, Transform};
+use farm_scene::{Channel, Mesh, Node, Path, Scene, Skin, Skinning, Transform};
 use glam::{DMat4, DQuat, DVec3, Vec3};
 
 /// A box, and what faces where in it.
@@ -45,9 +45,9 @@ pub(crate) fn extent(scene: &Scene) -> Option<Extent> {
             let mesh = &scene.meshes[instance.mesh as usize];
             let shape = morphed(shapes[instance.mesh as usize], mesh, scene, index);
             match (node.skin, &mesh.skinning) {
-                (Some(skin), Some(_)) => {
-                    let skin = &scene.skins[skin as usize];
-                    joint_places(skin, &places).for_each(|place| add_placed(&mut all, shape, place));
+                (Some(skin), Some(skinning)) => {
+                    let joints: Vec<DMat4> = joint_places(&scene.skins[skin as usize], &places).collect();
+                    add_skinned(&mut all, mesh, skinning, &joints);
                 }
                 _ => {
                     add_placed(&mut all, shape, *place);
@@ -62,6 +62,24 @@ pub(crate) fn extent(scene: &Scene) -> Option<Extent> {
 fn add_placed(all: &mut Extent, shape: Extent, place: DMat4) {
     if !shape.is_empty() {
         shape.corners().for_each(|corner| all.add(place.transform_point3(corner)));
+    }
+}
+
+/// Adds every vertex where its joints take it; morph targets are left to the margin.
+fn add_skinned(all: &mut Extent, mesh: &Mesh, skinning: &Skinning, joints: &[DMat4]) {
+    let influences = skinning.influences.max(1) as usize;
+    let pairs = skinning.joints.chunks_exact(influences).zip(skinning.weights.chunks_exact(influences));
+    for (position, (vertex_joints, weights)) in mesh.positions.iter().zip(pairs) {
+        let point = position.as_dvec3();
+        let blended = vertex_joints
+            .iter()
+            .zip(weights)
+            .filter(|(_, weight)| **weight != 0.0)
+            .filter_map(|(joint, weight)| {
+                Some(joints.get(usize::from(*joint))?.transform_point3(point) * f64::from(*weight))
+            })
+            .sum();
+        all.add(blended);
     }
 }
 
