@@ -6,6 +6,7 @@ use serde_json::{Map, Value};
 
 /// An object of unchecked values.
 pub(crate) struct Fields {
+    /// How a place is to call the object; empty when the place has its name already.
     origin: &'static str,
     values: Map<String, Value>,
 }
@@ -32,9 +33,8 @@ impl Fields {
 
     /// The object within this one, if it is there.
     pub fn object(&self, key: &str, place: &Place) -> Result<Option<Self>, Fault> {
-        let read = |value: &Value| {
-            value.as_object().map(|values| Self { origin: self.origin, values: values.clone() })
-        };
+        let read =
+            |value: &Value| value.as_object().map(|values| Self { origin: "", values: values.clone() });
         self.get(key, place, "an object", read)
     }
 
@@ -80,9 +80,8 @@ impl Fields {
 
     /// A list of objects; none when it is not there.
     pub fn objects(&self, key: &str, place: &Place) -> Result<Vec<Self>, Fault> {
-        let object = |value: &Value| {
-            value.as_object().map(|values| Self { origin: self.origin, values: values.clone() })
-        };
+        let object =
+            |value: &Value| value.as_object().map(|values| Self { origin: "", values: values.clone() });
         let read = |value: &Value| value.as_array()?.iter().map(object).collect();
         Ok(self.get(key, place, "an array of objects", read)?.unwrap_or_default())
     }
@@ -95,7 +94,8 @@ impl Fields {
         read: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<Option<T>, Fault> {
         let Some(value) = self.values.get(key) else { return Ok(None) };
-        let wrong = || place.field(&format!("{}.{key}", self.origin)).fault(format!("must be {wanted}"));
+        let name = if self.origin.is_empty() { key.to_owned() } else { format!("{}.{key}", self.origin) };
+        let wrong = || place.field(&name).fault(format!("must be {wanted}"));
         read(value).map(Some).ok_or_else(wrong)
     }
 }

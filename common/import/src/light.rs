@@ -170,7 +170,7 @@ mod tests {
         let disk = area(r#"{"type": "disk", "size": 3}"#);
         assert_eq!(disk, Ok(LightKind::Disk { radiance: Vec3::ONE, radius: 1.5 }));
         assert!(
-            area(r#"{"type": "disk", "size": 0}"#).expect_err("no size").contains("EXT_lights_area.size")
+            area(r#"{"type": "disk", "size": 0}"#).expect_err("no size").contains("EXT_lights_area 0 / size")
         );
         assert!(area(r#"{"type": "tube"}"#).is_err());
     }

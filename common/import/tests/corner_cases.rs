@@ -403,7 +403,7 @@ fn the_environment_is_read_beside_the_scene() {
         (r#"{"uri": "../sky.hdr"}"#, "extras.environment"),
         (r#"{"uri": "none.hdr"}"#, "none.hdr"),
         (r#"{"uri": "scene.gltf"}"#, "Radiance"),
-        (r#"{"uri": "sky.hdr", "intensity": -1}"#, "extras.environment.intensity"),
+        (r#"{"uri": "sky.hdr", "intensity": -1}"#, "extras.environment / intensity"),
         (r#"{}"#, "no uri"),
     ] {
         let error = read(environment).expect_err(environment);
