@@ -5,7 +5,8 @@ use crate::frames::partial_header;
 use crate::render_pool::panic_text;
 use crate::renderer::{PreparedScene, Rendered, render};
 use farm_film::{
-    Counters, FilmTile, FrameIndex, Resolution, SampleBlock, SampleBlockError, SampleRange, Tile,
+    Counters, Differences, FilmTile, FrameIndex, Resolution, Rgb, SampleBlock, SampleBlockError, SampleRange,
+    Tile,
 };
 use farm_image::{PartialHeader, encode_partial, write_file};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -109,31 +110,51 @@ fn render_window(
 ) -> Result<(FilmTile, Counters), Fault> {
     let pieces = pieces(window);
     let (next, failed) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let canvas = Mutex::new((vec![[0.0; 3]; window.area()], Counters::default(), None::<String>));
+    let canvas = Mutex::new(Canvas {
+        sums: vec![[0.0; 3]; window.area()],
+        differences: vec![Differences::default(); pieces.len()],
+        counters: Counters::default(),
+        fault: None,
+    });
     let work = || {
-        while let Some(&piece) = pieces.get(next.fetch_add(1, Ordering::Relaxed)) {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(&piece) = pieces.get(index) else { return };
             let stop = || failed.load(Ordering::Relaxed);
             let rendered = catch_unwind(AssertUnwindSafe(|| render(prepared, piece, block, &stop)));
             let mut canvas = canvas.lock().unwrap_or_else(PoisonError::into_inner);
             match rendered {
                 Ok(Some(Rendered { tile, counters })) => {
-                    paste(&tile, window, &mut canvas.0);
-                    canvas.1 = canvas.1.plus(counters);
+                    paste(&tile, window, &mut canvas.sums);
+                    canvas.differences[index] = tile.differences().clone();
+                    canvas.counters = canvas.counters.plus(counters);
                 }
                 Ok(None) => return,
                 Err(panic) => {
                     failed.store(true, Ordering::Relaxed);
-                    canvas.2 = Some(format!("tile {piece}: {}", panic_text(panic.as_ref())));
+                    canvas.fault = Some(format!("tile {piece}: {}", panic_text(panic.as_ref())));
                     return;
                 }
             }
         }
     };
     std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
-    match canvas.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        (_, _, Some(fault)) => Err(Fault::failed(fault)),
-        (sums, counters, None) => Ok((FilmTile::new(window, block, sums), counters)),
+    let canvas = canvas.into_inner().unwrap_or_else(PoisonError::into_inner);
+    if let Some(fault) = canvas.fault {
+        return Err(Fault::failed(fault));
     }
+    let mut differences = Differences::default();
+    canvas.differences.iter().for_each(|piece| differences.add_all(piece));
+    Ok((FilmTile::new(window, block, canvas.sums).with_differences(differences), canvas.counters))
+}
+
+/// What the threads fill together.
+struct Canvas {
+    sums: Vec<Rgb>,
+    /// By piece, so that their sum does not depend on who was first.
+    differences: Vec<Differences>,
+    counters: Counters,
+    fault: Option<String>,
 }
 
 fn pieces(window: Tile) -> Vec<Tile> {

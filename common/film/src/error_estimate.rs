@@ -1,55 +1,152 @@
 //! How wrong a picture still is, measured on its own merge tree.
 
+use crate::decay::{Decay, Observed};
+use crate::{Differences, SampleBlock};
 use serde::{Deserialize, Serialize};
 
-/// Estimated error of a frame's current pixels against the picture it converges to.
-///
-/// From the two halves `a`, `b` of every pixel's samples: `(a - b)^2 / 4` has the expectation `V(n/2)/2`, which is the
-/// variance of the mean of both for independent samples and an upper bound for a convergent quasi-Monte Carlo sequence.
+/// Standard deviations within which 95 % of a normal distribution lie.
+const DEVIATIONS: f64 = 1.96;
+
+/// Estimated error of pixels against the picture that they converge to. Means are over pixels and channels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ErrorEstimate {
-    /// Samples per pixel that the estimate speaks of.
+    /// Samples per pixel; where tiles have different numbers, the fewest.
     pub spp: u64,
-    /// Root of the mean squared error over pixels and channels, in radiance.
+    /// Root of the mean squared error, in radiance.
     pub rmse: f64,
-    /// Mean over pixels and channels of squared error over `value^2 + 0.01`.
+    /// Mean of squared error over `value^2 + 0.01`.
     pub rel_mse: f64,
+    /// The true root mean squared error lies within `rmse / rmse_band ..= rmse * rmse_band` in 95 % of all pictures.
+    pub rmse_band: f64,
+    /// The same for `rel_mse`.
+    pub rel_mse_band: f64,
+    /// The mean squared error falls as `spp^-rate`; 1 is that of independent samples.
+    pub rate: f64,
+    /// The same for `rel_mse`.
+    pub rel_rate: f64,
+    /// Standard deviation of `rel_rate`.
+    pub rel_rate_deviation: f64,
 }
 
-/// Sums from which an estimate is made; adds up over tiles.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct ErrorSums {
-    squared: f64,
-    relative: f64,
-    values: u64,
+/// When a picture will be good enough.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Prediction {
+    /// Samples per pixel expected to be needed.
+    pub spp: f64,
+    /// The number lies within `spp / band ..= spp * band` in 95 % of all cases.
+    pub band: f64,
 }
 
-impl ErrorSums {
-    /// Adds one channel of one pixel whose two halves have these sums over `half` samples each.
-    pub(crate) fn add(&mut self, left: f32, right: f32, half: u64) {
-        let (a, b) = (f64::from(left) / half as f64, f64::from(right) / half as f64);
-        let squared = (a - b) * (a - b) / 4.0;
-        let mean = (a + b) / 2.0;
-        self.squared += squared;
-        self.relative += squared / (mean * mean + 0.01);
-        self.values += 1;
-    }
-
-    /// Adds another tile's sums.
-    pub(crate) fn plus(self, other: Self) -> Self {
-        Self {
-            squared: self.squared + other.squared,
-            relative: self.relative + other.relative,
-            values: self.values + other.values,
+impl ErrorEstimate {
+    /// The error of a picture from those of its parts, each with a weight that goes with its pixels. None without parts.
+    pub(crate) fn of_parts(parts: &[(f64, Self)]) -> Option<Self> {
+        if let [(_, only)] = parts {
+            return Some(*only);
         }
-    }
-
-    /// The estimate for a picture of `spp` samples; none while nothing was added.
-    pub(crate) fn estimate(self, spp: u64) -> Option<ErrorEstimate> {
-        (self.values > 0).then(|| ErrorEstimate {
-            spp,
-            rmse: (self.squared / self.values as f64).sqrt(),
-            rel_mse: self.relative / self.values as f64,
+        let total: f64 = parts.iter().map(|(weight, _)| weight).sum();
+        let mean = |value: &dyn Fn(&Self) -> f64| -> f64 {
+            parts.iter().map(|(weight, part)| weight / total * value(part)).sum()
+        };
+        let mse = mean(&|part| part.rmse * part.rmse);
+        let rel_mse = mean(&|part| part.rel_mse);
+        // Parts are off independently; the rate of the sum is that of its parts by their share in it.
+        let spread = |sum: f64, error: &dyn Fn(&Self) -> f64, band: &dyn Fn(&Self) -> f64| {
+            let deviation = |(weight, part): &(f64, Self)| weight / total * error(part) * band(part).ln();
+            let squares: f64 = parts.iter().map(|part| deviation(part) * deviation(part)).sum();
+            if sum > 0.0 { (squares.sqrt() / sum).exp() } else { 1.0 }
+        };
+        let shared = |sum: f64, error: &dyn Fn(&Self) -> f64, value: &dyn Fn(&Self) -> f64| {
+            if sum > 0.0 { mean(&|part| error(part) * value(part)) / sum } else { mean(value) }
+        };
+        let (squared, relative) = (|part: &Self| part.rmse * part.rmse, |part: &Self| part.rel_mse);
+        Some(Self {
+            spp: parts.iter().map(|(_, part)| part.spp).min()?,
+            rmse: mse.sqrt(),
+            rel_mse,
+            rmse_band: spread(mse, &squared, &|part| part.rmse_band),
+            rel_mse_band: spread(rel_mse, &relative, &|part| part.rel_mse_band),
+            rate: shared(mse, &squared, &|part| part.rate),
+            rel_rate: shared(rel_mse, &relative, &|part| part.rel_rate),
+            rel_rate_deviation: shared(rel_mse, &relative, &|part| part.rel_rate_deviation),
         })
     }
+
+    /// Samples per pixel after which `rel_mse` will be `target`; fewer than `spp` where it is below already. None for a target that
+    /// is not positive and a picture without error.
+    pub fn predict(&self, target: f64) -> Option<Prediction> {
+        if target <= 0.0 || self.rel_mse <= 0.0 {
+            return None;
+        }
+        let octaves = (self.rel_mse / target).log2() / self.rel_rate;
+        // Off by the error of what is known now, and by that of the rate for as far as it has to be followed.
+        let now = self.rel_mse_band.log2() / self.rel_rate;
+        let ahead = DEVIATIONS * octaves * self.rel_rate_deviation / self.rel_rate;
+        Some(Prediction { spp: self.spp as f64 * octaves.exp2(), band: now.hypot(ahead).exp2() })
+    }
+}
+
+/// Decay of the mean squared error and of the relative one.
+pub(crate) struct Decays {
+    squared: Decay,
+    relative: Decay,
+}
+
+impl Decays {
+    /// None where no two samples were compared.
+    pub fn new(differences: &Differences) -> Option<Self> {
+        let levels = differences.levels().iter();
+        let (squared, relative): (Vec<_>, Vec<_>) = levels
+            .map(|level| {
+                (
+                    Observed::new(level.pairs, level.squared, level.squared_spread),
+                    Observed::new(level.pairs, level.relative, level.relative_spread),
+                )
+            })
+            .unzip();
+        Some(Self { squared: Decay::new(&squared)?, relative: Decay::new(&relative)? })
+    }
+
+    /// The error of the mean over the disjoint `blocks`.
+    pub fn estimate(&self, blocks: &[SampleBlock]) -> ErrorEstimate {
+        let spp = blocks.iter().map(|block| block.samples()).sum();
+        let parts: Vec<_> = blocks.iter().copied().flat_map(powers_of_two).collect();
+        let band = |deviation: f64| (DEVIATIONS * deviation).exp();
+        ErrorEstimate {
+            spp,
+            rmse: variance_of_mean(&self.squared, &parts).sqrt(),
+            rel_mse: variance_of_mean(&self.relative, &parts),
+            rmse_band: band(self.squared.log_deviation / 2.0),
+            rel_mse_band: band(self.relative.log_deviation),
+            rate: self.squared.rate,
+            rel_rate: self.relative.rate,
+            rel_rate_deviation: self.relative.rate_deviation,
+        }
+    }
+}
+
+/// First sample and level of aligned blocks of powers of two that make up `block`: several for a short last leaf.
+fn powers_of_two(block: SampleBlock) -> impl Iterator<Item = (u64, u32)> {
+    let mut start = block.start();
+    std::iter::from_fn(move || {
+        let left = block.end() - start;
+        let level = left.checked_ilog2()?;
+        let part = (start, level);
+        start += 1 << level;
+        Some(part)
+    })
+}
+
+/// `sum_ij n_i n_j C_ij / n^2`. Not below the variance that the whole range filled up to a power of two would have.
+fn variance_of_mean(decay: &Decay, parts: &[(u64, u32)]) -> f64 {
+    let count = |level: u32| (1_u64 << level) as f64;
+    let samples: f64 = parts.iter().map(|&(_, level)| count(level)).sum();
+    let mut variance = 0.0;
+    for (index, &(start, level)) in parts.iter().enumerate() {
+        variance += count(level) * count(level) * decay.variance(level);
+        for &(other, other_level) in &parts[..index] {
+            let common = u64::BITS - (start ^ other).leading_zeros();
+            variance += 2.0 * count(level) * count(other_level) * decay.covariance(common);
+        }
+    }
+    (variance / (samples * samples)).max(decay.variance(samples.log2().ceil() as u32))
 }

@@ -1,7 +1,8 @@
 //! A frame's tiles on their way to a picture: the dyadic merge tree.
 
-use crate::error_estimate::ErrorSums;
-use crate::{ErrorEstimate, FilmTile, Resolution, Rgb, SampleBlock, SampleRange, Tile, add_rgb};
+mod error;
+
+use crate::{Differences, FilmTile, Resolution, Rgb, SampleBlock, SampleRange, Tile, add_rgb};
 use std::collections::BTreeMap;
 
 /// A partial that this film cannot take.
@@ -56,8 +57,8 @@ pub struct Film {
 struct TileTree {
     /// Disjoint blocks by first sample.
     partials: BTreeMap<u64, FilmTile>,
-    /// Sibling differences of the largest block that starts at sample 0 and was merged here.
-    error: Option<(SampleBlock, ErrorSums)>,
+    /// Differences within the first 2^k samples, by k, for all k that were passed.
+    passed: BTreeMap<u32, Differences>,
 }
 
 impl Film {
@@ -149,44 +150,29 @@ impl Film {
         }
         pixels
     }
-
-    /// Estimated error at the largest sample count from the first sample on that every tile has reached. None before any
-    /// two siblings have met in each tile.
-    pub fn error_estimate(&self) -> Option<ErrorEstimate> {
-        let mut sums = ErrorSums::default();
-        let mut spp = u64::MAX;
-        for tree in self.tiles.values() {
-            let (block, tile_sums) = tree.error?;
-            spp = spp.min(block.samples());
-            sums = sums.plus(tile_sums);
-        }
-        sums.estimate(spp)
-    }
 }
 
 impl TileTree {
     fn insert(&mut self, mut partial: FilmTile, root: SampleBlock) {
+        self.pass(&partial);
         // Merge upwards while the sibling is there, but never past a block of the frame's range.
-        while partial.block() != root {
-            let Some(sibling) = partial.block().sibling() else { break };
-            let Some(other) = self.partials.get(&sibling.start()).filter(|held| held.block() == sibling)
-            else {
-                break;
-            };
-            let first = partial.block().parent().is_some_and(|parent| parent.start() == 0);
-            if first {
-                let half = partial.block().samples();
-                let mut sums = ErrorSums::default();
-                for (a, b) in partial.sums().iter().flatten().zip(other.sums().iter().flatten()) {
-                    sums.add(*a, *b, half);
-                }
-                let parent = partial.block().parent().expect("a block with a sibling has a parent");
-                self.error = Some((parent, sums));
-            }
-            let other = self.partials.remove(&sibling.start()).expect("the sibling was just seen");
+        while partial.block() != root
+            && let Some(sibling) = partial.block().sibling()
+            && self.partials.get(&sibling.start()).is_some_and(|held| held.block() == sibling)
+            && let Some(other) = self.partials.remove(&sibling.start())
+        {
             partial = partial.merge(other);
+            self.pass(&partial);
         }
         self.partials.insert(partial.block().start(), partial);
+    }
+
+    /// Remembers the differences of a block of the first samples.
+    fn pass(&mut self, partial: &FilmTile) {
+        let block = partial.block();
+        if block.start() == 0 && block.samples().is_power_of_two() {
+            self.passed.insert(block.samples().ilog2(), partial.differences().clone());
+        }
     }
 
     fn is_complete(&self, roots: &[SampleBlock]) -> bool {
@@ -224,6 +210,7 @@ mod tests {
         if let Some((left, right)) = block.children() {
             return rendered(tile, left).merge(rendered(tile, right));
         }
+        let mut differences = Differences::default();
         let sums = tile
             .pixels()
             .map(|(x, y)| {
@@ -234,12 +221,12 @@ mod tests {
                         hash = (hash ^ hash >> 31).wrapping_mul(0x9E37_79B9_7F4A_7C15);
                     }
                     let value = (hash >> 40) as f32 * 1.7e-5;
-                    leaf.add([value, value * value, 1.0 / (value + 1e-3)]);
+                    leaf.add([value, value * value, 1.0 / (value + 1e-3)], &mut differences);
                 }
                 leaf.round()
             })
             .collect();
-        FilmTile::new(tile, block, sums)
+        FilmTile::new(tile, block, sums).with_differences(differences)
     }
 
     fn bits(film: &Film) -> Vec<[u32; 3]> {
@@ -288,6 +275,9 @@ mod tests {
             }
             prop_assert!(film.is_complete());
             prop_assert_eq!(bits(&film), expected);
+            let whole = complete_film(resolution, side, spp);
+            prop_assert_eq!(film.error_estimate(), whole.error_estimate());
+            prop_assert!(film.tile_errors().eq(whole.tile_errors()));
         }
     }
 
@@ -315,27 +305,5 @@ mod tests {
             film.add(leaf(start)).unwrap();
         }
         assert_eq!(film.pixels(), [[1.0; 3]]);
-    }
-
-    #[test]
-    fn the_error_of_independent_samples_is_estimated_without_bias() {
-        let resolution = Resolution::new(64, 64).unwrap();
-        let mut film = Film::new(resolution, 64, 64).unwrap();
-        for block in [0..16, 16..32, 32..64] {
-            film.add(rendered(resolution.full(), SampleBlock::new(block).unwrap())).unwrap();
-        }
-        let estimate = film.error_estimate().unwrap();
-        let reference = complete_film(resolution, 64, 1 << 14).pixels();
-        let squared: f64 = film
-            .pixels()
-            .iter()
-            .flatten()
-            .zip(reference.iter().flatten())
-            .map(|(a, b)| f64::from(a - b).powi(2))
-            .sum();
-        let rmse = (squared / (64.0 * 64.0 * 3.0)).sqrt();
-        assert_eq!(estimate.spp, 64);
-        let ratio = estimate.rmse / rmse;
-        assert!((0.8..1.25).contains(&ratio), "estimate {} against {rmse}", estimate.rmse);
     }
 }

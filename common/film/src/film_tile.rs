@@ -1,6 +1,6 @@
 //! The sums that one work unit leaves behind.
 
-use crate::{SampleBlock, Tile};
+use crate::{Differences, LEAF_SAMPLES, SampleBlock, Tile};
 use serde::{Deserialize, Serialize};
 
 /// Linear Rec. 709 red, green, blue.
@@ -13,20 +13,39 @@ pub fn add_rgb(a: Rgb, b: Rgb) -> Rgb {
 
 /// Per-pixel sum of a leaf: added in index order in f64, rounded once to f32.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct LeafSum([f64; 3]);
+pub struct LeafSum {
+    sum: [f64; 3],
+    samples: u64,
+    /// Sums of the leaf's own aligned blocks that wait for their sibling, by level: only for the differences.
+    open: [[f64; 3]; LEAF_SAMPLES.ilog2() as usize + 1],
+}
 
 impl LeafSum {
-    /// Adds one sample's radiance.
-    pub fn add(&mut self, radiance: Rgb) {
-        for (sum, value) in self.0.iter_mut().zip(radiance) {
-            *sum += f64::from(value);
+    /// Adds one sample's radiance, and to `differences` every pair of sibling blocks that it completes.
+    pub fn add(&mut self, radiance: Rgb, differences: &mut Differences) {
+        assert!(self.samples < LEAF_SAMPLES, "a leaf has at most {LEAF_SAMPLES} samples");
+        let radiance = radiance.map(f64::from);
+        self.sum = plus(self.sum, radiance);
+        let (mut block, mut level) = (radiance, 0);
+        while self.samples >> level & 1 == 1 {
+            let (left, scale) = (self.open[level], 1.0 / (1_u64 << level) as f64);
+            let mean = |sum: [f64; 3]| sum.map(|value| value * scale);
+            level += 1;
+            differences.add(level as u32, mean(left), mean(block));
+            block = plus(left, block);
         }
+        self.open[level] = block;
+        self.samples += 1;
     }
 
     /// The leaf's value.
     pub fn round(self) -> Rgb {
-        self.0.map(|sum| sum as f32)
+        self.sum.map(|sum| sum as f32)
     }
+}
+
+fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// What was traced and what went wrong on the way to some pixel sums. Adds up over units.
@@ -79,13 +98,20 @@ pub struct FilmTile {
     tile: Tile,
     block: SampleBlock,
     sums: Vec<Rgb>,
+    differences: Differences,
 }
 
 impl FilmTile {
-    /// `sums` holds one entry per pixel of `tile`, in scanline order.
+    /// `sums` holds one entry per pixel of `tile`, in scanline order. Nothing is known of the differences within the block.
     pub fn new(tile: Tile, block: SampleBlock, sums: Vec<Rgb>) -> Self {
         assert_eq!(sums.len(), tile.area(), "one pixel sum per pixel of the tile");
-        Self { tile, block, sums }
+        Self { tile, block, sums, differences: Differences::default() }
+    }
+
+    /// The same with the differences that were seen while its samples were added up.
+    pub fn with_differences(mut self, differences: Differences) -> Self {
+        self.differences = differences;
+        self
     }
 
     /// Which pixels.
@@ -103,6 +129,11 @@ impl FilmTile {
         &self.sums
     }
 
+    /// Sibling differences within the block.
+    pub fn differences(&self) -> &Differences {
+        &self.differences
+    }
+
     /// Whether every sum is finite: what a healthy renderer always returns.
     pub fn is_finite(&self) -> bool {
         self.sums.iter().flatten().all(|value| value.is_finite())
@@ -114,11 +145,13 @@ impl FilmTile {
         assert_eq!(self.block.sibling(), Some(other.block), "only siblings merge");
         let (mut left, right) =
             if self.block.start() < other.block.start() { (self, other) } else { (other, self) };
+        let block = left.block.parent().expect("a block with a sibling has a parent");
+        left.differences.add_all(&right.differences);
+        left.differences.add_pixels(block.samples().ilog2(), &left.sums, &right.sums);
         for (a, b) in left.sums.iter_mut().zip(&right.sums) {
             *a = add_rgb(*a, *b);
         }
-        let block = left.block.parent().expect("a block with a sibling has a parent");
-        Self { tile: left.tile, block, sums: left.sums }
+        Self { block, ..left }
     }
 }
 
@@ -131,7 +164,7 @@ mod tests {
         let mut leaf = LeafSum::default();
         let mut naive = 0.0f32;
         for _ in 0..16 {
-            leaf.add([0.1; 3]);
+            leaf.add([0.1; 3], &mut Differences::default());
             naive += 0.1;
         }
         let exact = (16.0 * f64::from(0.1f32)) as f32;

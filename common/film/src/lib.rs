@@ -3,6 +3,8 @@
 //! Promise: any split of a frame into tiles and sample blocks, merged in any order, resolves to the same bits.
 //! Reads no clock, socket or file, and knows nothing of scenes.
 
+mod decay;
+mod differences;
 mod error_estimate;
 mod film;
 mod film_tile;
@@ -10,7 +12,8 @@ mod sample_block;
 mod tile;
 mod work_unit;
 
-pub use error_estimate::ErrorEstimate;
+pub use differences::{Differences, LevelDifferences};
+pub use error_estimate::{ErrorEstimate, Prediction};
 pub use film::{Accepted, Film, FilmError, ResolvedTile};
 pub use film_tile::{Counters, FilmTile, LeafSum, Rgb, add_rgb};
 pub use sample_block::{LEAF_SAMPLES, SampleBlock, SampleBlockError, SampleRange};

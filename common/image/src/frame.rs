@@ -172,7 +172,16 @@ pub(crate) mod tests {
             seed: u64::MAX,
             renderer: "tessera 0.1.0".to_owned(),
             counters: Counters { samples: 77, ..Counters::default() },
-            error: Some(ErrorEstimate { spp: 64, rmse: 0.125, rel_mse: 1.0e-3 }),
+            error: Some(ErrorEstimate {
+                spp: 64,
+                rmse: 0.125,
+                rel_mse: 1.0e-3,
+                rmse_band: 1.05,
+                rel_mse_band: 1.1,
+                rate: 1.5,
+                rel_rate: 1.4,
+                rel_rate_deviation: 0.1,
+            }),
             seconds: 1.5,
             extra: serde_json::Map::from_iter([("camera".to_owned(), "front".into())]),
         }

@@ -14,12 +14,12 @@ use exr::meta::BlockDescription;
 use exr::meta::attribute::{ChannelDescription, Compression, IntegerBounds, LineOrder, SampleType};
 use exr::meta::header::{Header, LayerAttributes};
 use exr::prelude::SmallVec;
-use farm_film::{Counters, FilmTile, FrameIndex, Resolution, Rgb, SampleRange};
+use farm_film::{Counters, Differences, FilmTile, FrameIndex, Resolution, Rgb, SampleRange};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 
 /// Version of the JSON attribute; another one is refused.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 
 /// Channels in the order of the file, which is that of their names, with their place in [`Rgb`].
 const CHANNELS: [(&str, usize); 3] = [("B", 2), ("G", 1), ("R", 0)];
@@ -60,6 +60,7 @@ struct Facts {
     seed: u64,
     renderer: String,
     counters: Counters,
+    differences: Differences,
 }
 
 /// The partial EXR of `tile`, which must lie inside the frame.
@@ -89,6 +90,7 @@ fn exr_header(tile: &FilmTile, header: &PartialHeader) -> Header {
         seed: header.seed,
         renderer: header.renderer.clone(),
         counters: header.counters,
+        differences: tile.differences().clone(),
     };
     let window = tile.tile();
     let mut attributes = LayerAttributes {
@@ -137,6 +139,43 @@ pub(crate) mod tests {
             counters: Counters { samples: u64::MAX, rays_camera: 12, nan: 1, ..Counters::default() },
         };
         (FilmTile::new(tile, SampleBlock::new(32..64).unwrap(), sums.collect()), header)
+    }
+
+    /// Three leaves of one pixel's samples, as a tile of 2x1 pixels with everything that is known of it.
+    fn observed() -> FilmTile {
+        let tile = Tile::new(4, 4, 6, 5).unwrap();
+        let leaf = |start: u64| {
+            let mut differences = Differences::default();
+            let mut pixel = |pixel: u64| {
+                let mut leaf = farm_film::LeafSum::default();
+                for index in start..start + 16 {
+                    let value = ((index * 37 + pixel * 11) % 101) as f32 / 3.0;
+                    leaf.add([value, value * value, 0.1], &mut differences);
+                }
+                leaf.round()
+            };
+            let sums = vec![pixel(0), pixel(1)];
+            let block = SampleBlock::new(start..start + 16).unwrap();
+            FilmTile::new(tile, block, sums).with_differences(differences)
+        };
+        leaf(32).merge(leaf(48))
+    }
+
+    #[test]
+    fn differences_come_back_bit_for_bit() {
+        let (tile, (_, header)) = (observed(), partial(4, 4, 6, 5));
+        assert!(tile.differences().levels().iter().all(|level| level.pairs > 0 && level.relative > 0.0));
+        let bytes = encode_partial(&tile, &header);
+        assert_eq!(decode_partial(&bytes, PartialLimits::default()).unwrap().0, tile);
+    }
+
+    #[test]
+    fn differences_that_cannot_be_are_refused() {
+        let (tile, (_, header)) = (observed(), partial(4, 4, 6, 5));
+        let leaf = FilmTile::new(tile.tile(), SampleBlock::new(0..16).unwrap(), tile.sums().to_vec());
+        let lying = encode_partial(&leaf.with_differences(tile.differences().clone()), &header);
+        let refusal = decode_partial(&lying, PartialLimits::default()).unwrap_err().to_string();
+        assert!(refusal.contains("sibling differences"), "{refusal}");
     }
 
     fn bits(tile: &FilmTile) -> Vec<u32> {

@@ -4,7 +4,7 @@
 //! Each function stands behind one line of the renderer and gives back what it was given, unless its bug is on.
 
 use crate::light::LightSample;
-use farm_film::{Rgb, SampleBlock, Tile};
+use farm_film::{FilmTile, Tile};
 use glam::Vec3;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -160,6 +160,10 @@ pub(crate) fn pixel_of_tile((x, y): (u32, u32), tile: Tile, width: u32) -> (u32,
     if last && is_on(Mutation::TileEdge) { (x + 1, y) } else { (x, y) }
 }
 
-pub(crate) fn block_sum(sum: Rgb, block: SampleBlock) -> Rgb {
-    if block.start() == 16 && is_on(Mutation::BlockTwice) { sum.map(|value| value * 2.0) } else { sum }
+pub(crate) fn block_sums(whole: FilmTile) -> FilmTile {
+    if whole.block().start() != 16 || !is_on(Mutation::BlockTwice) {
+        return whole;
+    }
+    let sums = whole.sums().iter().map(|sum| sum.map(|value| value * 2.0)).collect();
+    FilmTile::new(whole.tile(), whole.block(), sums)
 }

@@ -2,7 +2,7 @@
 
 use crate::PreparedScene;
 use crate::integrator::{self, Sampling};
-use farm_film::{Counters, FilmTile, LEAF_SAMPLES, LeafSum, Rgb, SampleBlock, Tile, add_rgb};
+use farm_film::{Counters, Differences, FilmTile, LEAF_SAMPLES, LeafSum, Rgb, SampleBlock, Tile};
 
 /// What a unit leaves behind.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,26 +24,23 @@ pub fn render(
 ) -> Option<Rendered> {
     assert!(scene.resolution().contains(tile), "a tile lies inside its frame");
     let mut counters = Counters::default();
-    let mut sums = Vec::with_capacity(tile.area());
-    for (x, y) in tile.pixels() {
-        #[cfg(feature = "mutations")]
-        let (x, y) = crate::mutations::pixel_of_tile((x, y), tile, scene.resolution().width());
-        let mut tree = PixelTree::default();
-        let mut start = block.start();
-        while start < block.end() {
-            if stop() {
-                return None;
-            }
-            let end = block.end().min(start + LEAF_SAMPLES);
-            tree.push(render_leaf(scene, x, y, start..end, &mut counters));
-            start = end;
+    // Nodes that wait for their sibling, largest first.
+    let mut open: Vec<FilmTile> = Vec::new();
+    let mut start = block.start();
+    while start < block.end() {
+        let end = block.end().min(start + LEAF_SAMPLES);
+        let leaf = SampleBlock::new(start..end).expect("a block is made of leaves");
+        let mut node = render_leaf(scene, tile, leaf, stop, &mut counters)?;
+        while let Some(left) = open.pop_if(|left| left.block().sibling() == Some(node.block())) {
+            node = left.merge(node);
         }
-        let total = tree.total();
-        #[cfg(feature = "mutations")]
-        let total = crate::mutations::block_sum(total, block);
-        sums.push(total);
+        open.push(node);
+        start = end;
     }
-    Some(Rendered { tile: FilmTile::new(tile, block, sums), counters })
+    let whole = open.pop().filter(|whole| whole.block() == block).expect("a block is one node of the tree");
+    #[cfg(feature = "mutations")]
+    let whole = crate::mutations::block_sums(whole);
+    Some(Rendered { tile: whole, counters })
 }
 
 /// The radiance of a single sample, for whoever looks for the cause of a bad pixel.
@@ -53,18 +50,28 @@ pub fn render_sample(scene: &PreparedScene, x: u32, y: u32, index: u64) -> Rgb {
 
 fn render_leaf(
     scene: &PreparedScene,
-    x: u32,
-    y: u32,
-    samples: std::ops::Range<u64>,
+    tile: Tile,
+    block: SampleBlock,
+    stop: &dyn Fn() -> bool,
     counters: &mut Counters,
-) -> Rgb {
-    let mut leaf = LeafSum::default();
-    for index in samples {
-        let radiance = integrator::radiance(scene, Sampling::at(scene, x, y, index), counters);
-        counters.samples += 1;
-        leaf.add(accounted(radiance.to_array(), counters));
+) -> Option<FilmTile> {
+    let mut sums = Vec::with_capacity(tile.area());
+    let mut differences = Differences::default();
+    for (x, y) in tile.pixels() {
+        #[cfg(feature = "mutations")]
+        let (x, y) = crate::mutations::pixel_of_tile((x, y), tile, scene.resolution().width());
+        if stop() {
+            return None;
+        }
+        let mut leaf = LeafSum::default();
+        for index in block.start()..block.end() {
+            let radiance = integrator::radiance(scene, Sampling::at(scene, x, y, index), counters);
+            counters.samples += 1;
+            leaf.add(accounted(radiance.to_array(), counters), &mut differences);
+        }
+        sums.push(leaf.round());
     }
-    leaf.round()
+    Some(FilmTile::new(tile, block, sums).with_differences(differences))
 }
 
 /// What is no radiance is counted and left out.
@@ -84,44 +91,9 @@ fn accounted(radiance: Rgb, counters: &mut Counters) -> Rgb {
     radiance
 }
 
-/// Leaves of one pixel on their way up: a binary counter, in which equal levels merge at once.
-#[derive(Default)]
-struct PixelTree {
-    /// Level and sum of the open nodes, highest first.
-    open: Vec<(u32, Rgb)>,
-}
-
-impl PixelTree {
-    fn push(&mut self, leaf: Rgb) {
-        let mut node = (0, leaf);
-        while let Some(&(level, left)) = self.open.last()
-            && level == node.0
-        {
-            self.open.pop();
-            node = (level + 1, add_rgb(left, node.1));
-        }
-        self.open.push(node);
-    }
-
-    fn total(self) -> Rgb {
-        assert_eq!(self.open.len(), 1, "a block is one node of the tree");
-        self.open[0].1
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn leaves_add_up_along_the_tree() {
-        let mut tree = PixelTree::default();
-        // In index order the ones would be lost against 2^24; in pairs they are not.
-        for value in [16_777_216.0f32, 1.0, 1.0, 1.0] {
-            tree.push([value; 3]);
-        }
-        assert_eq!(tree.total(), [(16_777_216.0f32 + 1.0) + (1.0 + 1.0); 3]);
-    }
 
     #[test]
     fn what_is_no_radiance_is_counted() {

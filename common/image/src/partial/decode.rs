@@ -48,6 +48,9 @@ fn decode(bytes: &[u8], limits: PartialLimits) -> Result<(FilmTile, PartialHeade
     let facts = facts(header)?;
     let block = SampleBlock::try_from(facts.samples).map_err(refused)?;
 
+    if !facts.differences.fit(tile.area(), block.samples()) {
+        return Err(refused("its sibling differences are none of such a block"));
+    }
     let mut rows = Rows::new(tile);
     for chunk in reader.all_chunks(true)? {
         rows.take(chunk?)?;
@@ -61,7 +64,7 @@ fn decode(bytes: &[u8], limits: PartialLimits) -> Result<(FilmTile, PartialHeade
         renderer: facts.renderer,
         counters: facts.counters,
     };
-    Ok((FilmTile::new(tile, block, rows.finish()?), header))
+    Ok((FilmTile::new(tile, block, rows.finish()?).with_differences(facts.differences), header))
 }
 
 fn refused(fault: impl ToString) -> ImageError {
@@ -196,7 +199,7 @@ mod tests {
                 header.own_attributes.other.insert(Text::new_or_panic("another"), text);
             }),
             refusal(|header| {
-                let text = AttributeValue::Text(Text::new_or_panic("{\"version\":1}"));
+                let text = AttributeValue::Text(Text::new_or_panic("{\"version\":2}"));
                 header.own_attributes.other.insert(Text::new_or_panic("tessera"), text);
             }),
             refusal(|header| header.channels.list[0] = channel("B", SampleType::F16)),

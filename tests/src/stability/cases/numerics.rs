@@ -4,7 +4,9 @@ use crate::stability::bench::Bench;
 use crate::stability::cases::motion::still_life;
 use crate::stability::measure::{self, REPLICATES};
 use crate::stability::stage::{self, Stage};
-use farm_film::{Counters, Film, FilmTile, FrameIndex, LeafSum, Resolution, SampleBlock, SampleRange, Tile};
+use farm_film::{
+    Counters, Differences, Film, FilmTile, FrameIndex, LeafSum, Resolution, SampleBlock, SampleRange, Tile,
+};
 use farm_image::{Frame, FrameMetadata, SampleFormat, pixels_digest, read_image, write_frame};
 use farm_render::sampler::Sampler;
 use farm_render::{PreparedScene, render, render_sample};
@@ -18,7 +20,7 @@ pub fn long_sums(bench: &mut Bench) {
     for value in [1.0f32, 0.1] {
         let tile = measure::tile(0, 0, 1, 1);
         let mut leaf = LeafSum::default();
-        (0..16).for_each(|_| leaf.add([value; 3]));
+        (0..16).for_each(|_| leaf.add([value; 3], &mut Differences::default()));
         let samples = SampleRange::new(0..1 << 25).expect("a range");
         let resolution = Resolution::new(1, 1).expect("a picture");
         let mut film = Film::with_tiles(resolution, [tile], samples).expect("a film");
