@@ -1,11 +1,11 @@
 //! How a job divides into units: frames, rounds, tiles. Pure geometry; nothing here changes while a job runs.
 //!
-//! A *round* is a block of sample indices that every tile of a frame gets before any tile gets the next one:
-//! `[0,16) [16,32) [32,64) [64,128) ..`, so that the samples of a whole picture double from round to round, and at the end
-//! what is left over beyond the last power of two (100 ends with `[64,96) [96,100)`). A *cell* is one round of one tile of
+//! A *round* is a block of sample indices that every tile of a frame gets before any tile gets the next one
+//! ([`JobSpec::rounds`]): `[0,16) [16,32) [32,64) [64,128) ..`, so that the samples of a whole picture double from round to
+//! round, and at the end what is left over beyond the last power of two (100 ends with `[64,96) [96,100)`). A *cell* is one round of one tile of
 //! one frame; units are cells or dyadic parts of them.
 
-use farm_film::{FrameIndex, LEAF_SAMPLES, Resolution, SampleBlock, SampleRange, Tile, WorkUnit};
+use farm_film::{FrameIndex, LEAF_SAMPLES, Resolution, SampleBlock, Tile, WorkUnit};
 use farm_job::{FrameRange, JobSpec, JobSpecError};
 
 /// One round of one tile of one frame. Ordered as they are rendered.
@@ -41,7 +41,7 @@ impl Plan {
             tile_side: spec.tile_side,
             columns: resolution.width().div_ceil(spec.tile_side),
             rows: resolution.height().div_ceil(spec.tile_side),
-            rounds: rounds(spec.spp)?,
+            rounds: spec.rounds()?,
         })
     }
 
@@ -134,35 +134,10 @@ pub(crate) fn pixel_samples(unit: &WorkUnit) -> f64 {
     unit.tile.area() as f64 * unit.block.samples() as f64
 }
 
-/// The first and largest block of `[0, spp)` opened up into doublings, then the smaller ones that follow it.
-fn rounds(spp: u64) -> Result<Vec<SampleBlock>, JobSpecError> {
-    let mut blocks = SampleRange::new(0..spp)?.blocks()?.into_iter();
-    let mut first = blocks.next().expect("a range that is not empty has a block");
-    let mut doublings = Vec::new();
-    while let Some((left, right)) = first.children() {
-        doublings.push(right);
-        first = left;
-    }
-    Ok([first].into_iter().chain(doublings.into_iter().rev()).chain(blocks).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::testing::spec;
-
-    fn ends(spp: u64) -> Vec<u64> {
-        rounds(spp).unwrap().into_iter().map(SampleBlock::end).collect()
-    }
-
-    #[test]
-    fn rounds_double_a_picture_and_end_with_what_is_left() {
-        assert_eq!(ends(64), [16, 32, 64]);
-        assert_eq!(ends(100), [16, 32, 64, 96, 100]);
-        assert_eq!(ends(7), [7]);
-        assert_eq!(ends(24), [16, 24]);
-        assert!(ends((1 << 61) + 1).len() < usize::from(u8::MAX));
-    }
 
     #[test]
     fn a_frame_gets_one_round_on_every_tile_before_the_next() {

@@ -4,7 +4,7 @@ mod farm;
 mod simulation;
 mod stories;
 
-use farm_job::JobSpec;
+use farm_job::{JobSpec, Stop};
 use farm_scene::{Filter, Integrator, SceneId, Settings};
 
 /// A job of `width x height` pixels in tiles of `side`, with `spp` samples, for `frames`.
@@ -25,6 +25,8 @@ pub(crate) fn spec(width: u32, height: u32, side: u32, spp: u64, frames: &str) -
         settings,
         frames: frames.parse().expect("a frame range"),
         spp,
+        stop: Stop::default(),
+        variance: false,
         tile_side: side,
         priority: 0,
     }
