@@ -7,23 +7,30 @@ use glam::{Quat, Vec3};
 const WIDTH: u32 = 256;
 const HEIGHT: u32 = 128;
 
-/// Radiance straight above and straight below.
-const ABOVE: f32 = 1.0;
-const BELOW: f32 = 0.3;
+/// Radiance straight above and straight below: dark enough that what the lamps light stands out from it.
+const ABOVE: f32 = 0.5;
+const BELOW: f32 = 0.1;
 
 /// Brightest radiance of the key light, and where it stands: above, to the right and in front.
-const KEY: f32 = 6.0;
+const KEY: f32 = 7.0;
 const KEY_DIRECTION: Vec3 = Vec3::new(0.5, 0.7, 0.6);
 
-/// A grey sky, brighter above, with a soft key light: what is put around scenes that would be black without.
+/// The same of the fill light, for surfaces that the key light does not reach: to the left and in front.
+const FILL: f32 = 3.0;
+const FILL_DIRECTION: Vec3 = Vec3::new(-0.6, 0.1, 0.8);
+
+/// A grey sky, brighter above, with soft key and fill lights: what is put around scenes that would be black without.
 pub fn studio_environment() -> Environment {
-    let key = KEY_DIRECTION.normalize();
+    let lamps = [(KEY, KEY_DIRECTION.normalize()), (FILL, FILL_DIRECTION.normalize())];
     let radiance = |row: u32, column: u32| {
         let direction = direction((column as f32 + 0.5) / WIDTH as f32, (row as f32 + 0.5) / HEIGHT as f32);
         let sky = BELOW + (ABOVE - BELOW) * (0.5 + 0.5 * direction.y);
-        let towards_key = direction.dot(key).max(0.0);
-        let soft = towards_key * towards_key;
-        sky + KEY * soft * soft * soft * soft
+        let lit = lamps.map(|(strength, towards)| {
+            let cos = direction.dot(towards).max(0.0);
+            let soft = cos * cos;
+            strength * (soft * soft) * (soft * soft)
+        });
+        sky + lit.iter().sum::<f32>()
     };
     let pixels =
         (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| [radiance(row, column); 3])).collect();

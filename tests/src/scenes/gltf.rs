@@ -25,6 +25,16 @@ impl Scale {
     pub fn vector(self, metres: [f32; 3]) -> [f32; 3] {
         metres.map(|value| self.length(value))
     }
+
+    /// The scaled length as the document says it. Documents hold more digits than an f32, and readers use them: so it is the
+    /// decimal that is scaled, not its nearest f32.
+    fn said(self, metres: f32) -> Value {
+        json!(decimal(metres) * 2.0f64.powi(self.0))
+    }
+
+    fn all_said(self, metres: &[f32]) -> Value {
+        metres.iter().map(|value| self.said(*value)).collect()
+    }
 }
 
 /// Accessors of one shape; meshes may share them.
@@ -101,8 +111,12 @@ pub struct Gltf {
 }
 
 /// A number as people would write it: the shortest that reads back as the same f32.
+fn decimal(value: f32) -> f64 {
+    value.to_string().parse().expect("a float prints as a float")
+}
+
 fn number(value: f32) -> Value {
-    json!(value.to_string().parse::<f64>().expect("a float prints as a float"))
+    json!(decimal(value))
 }
 
 fn numbers(values: &[f32]) -> Value {
@@ -165,14 +179,14 @@ impl Gltf {
     pub fn node(&mut self, name: &str, mesh: Mesh, placement: Placement) -> Node {
         let mut node = json!({ "name": name, "mesh": mesh.0 });
         if placement.at != [0.0; 3] {
-            node["translation"] = numbers(&self.scale.vector(placement.at));
+            node["translation"] = self.scale.all_said(&placement.at);
         }
         if placement.rotation != Placement::ORIGIN.rotation {
             node["rotation"] = numbers(&placement.rotation);
         }
         // Vertices in metres carry the scale themselves; unit meshes take it from their node.
         if placement.size != 1.0 {
-            node["scale"] = numbers(&[self.scale.length(placement.size); 3]);
+            node["scale"] = self.scale.all_said(&[placement.size; 3]);
         }
         self.nodes.push(node);
         Node(self.nodes.len() - 1)
@@ -180,7 +194,7 @@ impl Gltf {
 
     /// Moves a node by `metres` while the shutter is open.
     pub fn move_while_open(&mut self, node: Node, metres: [f32; 3]) {
-        let vector = numbers(&self.scale.vector(metres));
+        let vector = self.scale.all_said(&metres);
         self.nodes[node.0]["extras"] = json!({ "motionVector": vector });
     }
 
@@ -222,13 +236,13 @@ impl Gltf {
             "perspective": {
                 "yfov": number(view.yfov_degrees.to_radians()),
                 "aspectRatio": number(16.0 / 9.0),
-                "znear": number(self.scale.length(0.125)),
+                "znear": self.scale.said(0.125),
             },
         });
         let mut extras = Map::new();
         if let Some((radius, focus)) = view.lens {
-            extras.insert("apertureRadius".to_owned(), number(self.scale.length(radius)));
-            extras.insert("focusDistance".to_owned(), number(self.scale.length(focus)));
+            extras.insert("apertureRadius".to_owned(), self.scale.said(radius));
+            extras.insert("focusDistance".to_owned(), self.scale.said(focus));
         }
         if let Some((open, close)) = view.shutter {
             extras.insert("shutterOpen".to_owned(), number(open));
@@ -241,7 +255,7 @@ impl Gltf {
         self.nodes.push(json!({
             "name": "camera",
             "camera": self.cameras.len() - 1,
-            "translation": numbers(&self.scale.vector(view.eye)),
+            "translation": self.scale.all_said(&view.eye),
             "rotation": numbers(&turn.as_quat().to_array()),
         }));
     }

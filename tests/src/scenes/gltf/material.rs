@@ -39,7 +39,7 @@ impl Gltf {
 
     /// Clear, smooth, solid glass of this index of refraction.
     pub fn glass(&mut self, name: &str, ior: f32) -> Material {
-        let thickness = number(self.scale.length(1.0));
+        let thickness = self.scale.said(1.0);
         self.extensions.extend(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_ior"]);
         self.material(json!({
             "name": name,
