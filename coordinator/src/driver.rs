@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
-use tracing::{error, info, warn};
+use tracing::{debug, error, info, warn};
 
 /// Things told to the driver that wait for it; beyond this, those who tell have to wait.
 const INPUTS_MAX: usize = 1024;
@@ -309,6 +309,7 @@ impl Driver {
                 if let Some(job) = self.jobs.get_mut(&delivery.job) {
                     job.tally.add(delivery.worker, counters, render, arrived);
                 }
+                debug!(worker = %delivery.worker, lease = %delivery.lease, unit = %delivery.unit, "unit accepted");
                 self.say(delivery.worker, ToWorker::Ack(delivery.lease));
                 self.handle(Event::UnitAccepted { delivery, render });
             }

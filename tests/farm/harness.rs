@@ -204,7 +204,7 @@ pub fn render(place: &Place, output: &str, flags: &[&str]) -> Command {
 /// A coordinator that leaves all rendering to workers that join.
 pub fn serving(place: &Place, flags: &[&str]) -> (Running, String) {
     let mut command = render(place, "out.exr", &["--listen", "127.0.0.1:0", "--no-local-worker"]);
-    command.args(flags).env("FARM_LOG", "info");
+    command.args(flags).env("FARM_LOG", "info,farm_coordinator=debug");
     let mut running = Running::start(command);
     let address = running.wait_for("an address", |said| {
         let line = said.lines().find(|line| line.starts_with("listening on "))?;

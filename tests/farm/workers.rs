@@ -30,7 +30,7 @@ fn a_worker_that_joins_late_helps() {
     let (mut coordinator, address) = serving(&place, &LONG);
     let _early = joining(&address, "early");
     coordinator.wait_for("the first worker", |said| said.contains("name=early").then_some(()));
-    std::thread::sleep(Duration::from_millis(500));
+    coordinator.wait_for("its first unit", |said| said.contains("unit accepted").then_some(()));
     let _late = joining(&address, "late");
     let json = coordinator.wait().json();
     assert_eq!(json["digest"], expected(&place));
@@ -43,7 +43,7 @@ fn a_worker_killed_in_mid_frame_costs_time_but_no_bits() {
     let (mut coordinator, address) = serving(&place, &LONG);
     let mut victim = joining(&address, "victim");
     coordinator.wait_for("the victim", |said| said.contains("name=victim").then_some(()));
-    std::thread::sleep(Duration::from_millis(1000));
+    coordinator.wait_for("its first unit", |said| said.contains("unit accepted").then_some(()));
     victim.kill();
     assert!(coordinator.is_running(), "the victim died in mid-frame");
     let killed = Instant::now();
@@ -60,7 +60,7 @@ fn a_worker_that_is_told_to_stop_finishes_its_unit_and_leaves() {
     let (mut coordinator, address) = serving(&place, &LONG);
     let leaver = joining(&address, "leaver");
     coordinator.wait_for("the leaver", |said| said.contains("name=leaver").then_some(()));
-    std::thread::sleep(Duration::from_millis(500));
+    coordinator.wait_for("its first unit", |said| said.contains("unit accepted").then_some(()));
     leaver.terminate();
     let said = leaver.wait();
     assert!(said.status.success() && said.stderr.contains("drained"), "{}", said.stderr);
