@@ -3,7 +3,7 @@
 use crate::outputs::{self, FinishedFrame, FrameSummary, OutputPlan};
 use crate::store::{Store, StoredJob};
 use bytes::Bytes;
-use farm_film::{Accepted, Counters, ErrorEstimate, Film, FilmTile, FrameIndex};
+use farm_film::{Accepted, Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Tile};
 use farm_job::{JobId, JobSpec};
 use farm_scheduler::Delivery;
 use std::collections::BTreeMap;
@@ -47,6 +47,10 @@ pub enum Task {
     Add(Box<Claimed>),
     /// Write a frame, which has all its samples.
     Finish(JobId, FrameIndex),
+    /// Forget tiles of a frame, which are rendered again.
+    Reopen(JobId, FrameIndex, Vec<Tile>),
+    /// Take a finished frame away, which is rendered again.
+    Withdraw(JobId, FrameIndex),
     /// How wrong the oldest open frame of a job still is.
     Estimate(JobId, oneshot::Sender<Option<ErrorEstimate>>),
     /// Forget a job.
@@ -93,6 +97,8 @@ pub enum Report {
         /// What became of it.
         outcome: Result<FrameSummary, String>,
     },
+    /// A finished frame was taken away.
+    Withdrawn(JobId, FrameIndex),
 }
 
 /// Starts the threads. Both end when the sender of tasks is dropped. With a store, whatever is reported is durable.
@@ -116,19 +122,27 @@ pub fn start(
     Ok((task_sender, report_receiver))
 }
 
-struct Writing {
-    job: JobId,
-    spec: Arc<JobSpec>,
-    plan: OutputPlan,
-    finished: FinishedFrame,
+enum FrameTask {
+    Write { job: JobId, spec: Arc<JobSpec>, plan: OutputPlan, finished: Box<FinishedFrame> },
+    Withdraw { job: JobId, plan: OutputPlan, frame: FrameIndex },
 }
 
 fn write_frames(
-    mut frames: mpsc::Receiver<Writing>,
+    mut frames: mpsc::Receiver<FrameTask>,
     store: Option<&Store>,
     reports: &mpsc::UnboundedSender<Report>,
 ) {
-    while let Some(Writing { job, spec, plan, finished }) = frames.blocking_recv() {
+    while let Some(task) = frames.blocking_recv() {
+        let (job, spec, plan, finished) = match task {
+            FrameTask::Write { job, spec, plan, finished } => (job, spec, plan, finished),
+            FrameTask::Withdraw { job, plan, frame } => {
+                if let Err(error) = outputs::withdraw(&plan, frame) {
+                    warn!(%job, %frame, %error, "a wrong frame cannot be removed; it will be written over");
+                }
+                let _ = reports.send(Report::Withdrawn(job, frame));
+                continue;
+            }
+        };
         let mut outcome = outputs::write(&spec, &plan, &finished);
         if let Some(store) = store {
             // All of it is safe as partials: there is time until the disk has room again.
@@ -152,7 +166,8 @@ struct Job {
 
 struct OpenFrame {
     film: Film,
-    counters: Counters,
+    /// What was traced for each tile.
+    counters: BTreeMap<Tile, Counters>,
     /// When the first unit began and the last one came.
     span: Option<(Instant, Instant)>,
 }
@@ -161,7 +176,7 @@ struct Assembly {
     store: Option<Arc<Store>>,
     jobs: BTreeMap<JobId, Job>,
     reports: mpsc::UnboundedSender<Report>,
-    frames: mpsc::Sender<Writing>,
+    frames: mpsc::Sender<FrameTask>,
 }
 
 impl Assembly {
@@ -169,11 +184,19 @@ impl Assembly {
         while let Some(task) = tasks.blocking_recv() {
             match task {
                 Task::Open(job, spec, plan) => {
-                    self.jobs.insert(job, Job { spec, plan, frames: BTreeMap::new() });
+                    // It is still open when a frame of it is rendered again.
+                    self.jobs.entry(job).or_insert_with(|| Job { spec, plan, frames: BTreeMap::new() });
                 }
                 Task::Restore(job, frame, partials) => self.restore(job, frame, partials),
                 Task::Add(claimed) => self.add(*claimed),
                 Task::Finish(job, frame) => self.finish(job, frame),
+                Task::Reopen(job, frame, tiles) => self.reopen(job, frame, &tiles),
+                Task::Withdraw(job, frame) => {
+                    let plan = self.jobs.get(&job).map(|job| job.plan.clone());
+                    if let Some(plan) = plan {
+                        let _ = self.frames.blocking_send(FrameTask::Withdraw { job, plan, frame });
+                    }
+                }
                 Task::Estimate(job, reply) => {
                     let frames = self.jobs.get(&job).into_iter().flat_map(|job| job.frames.values());
                     let estimate = frames.filter_map(|frame| frame.film.error_estimate()).next();
@@ -216,8 +239,9 @@ impl Assembly {
         let Ok(mut open) = OpenFrame::new(&job.spec) else { return };
         for (tile, counters) in partials {
             // Whoever restored them has looked whether they fit.
+            let window = tile.tile();
             if open.film.add(tile) == Ok(Accepted::New) {
-                open.counters = open.counters.plus(counters);
+                open.count(window, counters);
             }
         }
         job.frames.insert(frame, open);
@@ -237,20 +261,36 @@ impl Assembly {
             std::collections::btree_map::Entry::Vacant(entry) => entry.insert(OpenFrame::new(&job.spec)?),
         };
         frame.film.add(tile).map_err(|err| err.to_string())?;
-        frame.counters = frame.counters.plus(counters);
+        frame.count(delivery.unit.tile, counters);
         let begun = begun.unwrap_or(arrived);
         let (first, last) = frame.span.unwrap_or((begun, arrived));
         frame.span = Some((first.min(begun), last.max(arrived)));
         Ok(())
     }
 
+    fn reopen(&mut self, job_id: JobId, frame: FrameIndex, tiles: &[Tile]) {
+        if let Some(open) = self.jobs.get_mut(&job_id).and_then(|job| job.frames.get_mut(&frame)) {
+            for tile in tiles {
+                open.film.forget(*tile);
+                open.counters.remove(tile);
+            }
+        }
+        // What is left behind is written over or, after a restart, merged again; so it must go.
+        while let Some(Err(error)) = self.store.as_ref().map(|store| store.remove_tiles(job_id, frame, tiles))
+        {
+            warn!(job = %job_id, %frame, %error, "wrong partials cannot be removed; trying again");
+            std::thread::sleep(RETRY_AFTER);
+        }
+    }
+
     fn finish(&mut self, job_id: JobId, frame: FrameIndex) {
         let Some(job) = self.jobs.get_mut(&job_id) else { return };
         let Some(open) = job.frames.remove(&frame) else { return };
         let render = open.span.map_or(Duration::ZERO, |(first, last)| last - first);
-        let finished = FinishedFrame { frame, film: open.film, counters: open.counters, render };
-        let writing = Writing { job: job_id, spec: job.spec.clone(), plan: job.plan.clone(), finished };
-        let _ = self.frames.blocking_send(writing);
+        let counters = open.counters.into_values().fold(Counters::default(), Counters::plus);
+        let finished = Box::new(FinishedFrame { frame, film: open.film, counters, render });
+        let (spec, plan) = (job.spec.clone(), job.plan.clone());
+        let _ = self.frames.blocking_send(FrameTask::Write { job: job_id, spec, plan, finished });
     }
 }
 
@@ -258,6 +298,11 @@ impl OpenFrame {
     fn new(spec: &JobSpec) -> Result<Self, String> {
         let resolution = spec.resolution().map_err(|err| err.to_string())?;
         let film = Film::new(resolution, spec.tile_side, spec.spp).map_err(|err| err.to_string())?;
-        Ok(Self { film, counters: Counters::default(), span: None })
+        Ok(Self { film, counters: BTreeMap::new(), span: None })
+    }
+
+    fn count(&mut self, tile: Tile, counters: Counters) {
+        let sum = self.counters.entry(tile).or_default();
+        *sum = sum.plus(counters);
     }
 }

@@ -3,14 +3,15 @@
 use crate::assembly::{self, Claimed, Report, Task};
 use crate::check::Defect;
 use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission};
+use crate::outputs::OutputPlan;
 use crate::registry::Registry;
 use crate::store::{Store, StoredJob};
 use crate::tally::Tally;
-use farm_film::WorkUnit;
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
 use farm_proto::convert::{FromWorker, Grant, Heartbeat, Hello, ToWorker};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict, WhyDisconnect};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
@@ -23,12 +24,14 @@ const INPUTS_MAX: usize = 1024;
 const PROBE_AFTER: Duration = Duration::from_secs(2);
 
 /// Starts the farm. It ends when the last handle is dropped. With a store, nothing is acknowledged that is not durable.
-pub fn start(store: Option<Arc<Store>>) -> std::io::Result<Farm> {
+/// `verify`: part of the units that two workers render, to compare.
+pub fn start(store: Option<Arc<Store>>, verify: f64) -> std::io::Result<Farm> {
     let session = store.as_ref().map_or_else(|| fastrand::u64(..), |store| store.session());
     let (assembly, reports) = assembly::start(store.clone())?;
     let (inputs, receiver) = mpsc::channel(INPUTS_MAX);
     // A restarted coordinator gives out other leases than before, so that late results find no wrong one.
-    let config = Config { first_lease: LeaseId(u64::from(fastrand::u32(..)) << 24 | 1), ..Config::default() };
+    let first_lease = LeaseId(u64::from(fastrand::u32(..)) << 24 | 1);
+    let config = Config { first_lease, verify, verify_seed: fastrand::u64(..), ..Config::default() };
     let driver = Driver {
         scheduler: Scheduler::new(config),
         started: Instant::now(),
@@ -51,7 +54,8 @@ struct Worker {
 struct Job {
     spec: JobSpec,
     tally: Tally,
-    frames_written: u64,
+    plan: OutputPlan,
+    written: BTreeSet<FrameIndex>,
     listener: Option<mpsc::UnboundedSender<JobEvent>>,
     /// Its owner paused it, rather than the store.
     paused: bool,
@@ -175,7 +179,7 @@ impl Driver {
     async fn arrived(&mut self, arrived: Arrived) {
         let Arrived { worker, result, outcome, at } = arrived;
         let (lease, job, unit) = (result.lease, result.job, result.unit);
-        let delivery = Delivery { worker, lease, job, unit };
+        let delivery = Delivery { worker, lease, job, unit, digest: result.digest };
         match outcome {
             None => self.reject(&delivery, "its job is not known here"),
             Some(Err(defect @ Defect::NotFinite)) => {
@@ -201,10 +205,14 @@ impl Driver {
                     // The assembly outlives the driver, and never waits for it.
                     let _ = self.assembly.send(Task::Add(Box::new(claimed))).await;
                 }
+                Verdict::Compared => self.reject(&delivery, "it was compared with what is there already"),
+                Verdict::Distrusted => self.reject(&delivery, "results of this worker were wrong"),
                 Verdict::NotNeeded => self.reject(&delivery, "its samples are there already"),
                 Verdict::Foreign => {
                     warn!(%worker, %lease, %unit, "result is of no unit of its job");
-                    self.reject(&delivery, "it is no unit of its job");
+                    let reason = "it is no unit of its job";
+                    self.reject(&delivery, reason);
+                    self.handle(Event::ResultRejected { delivery, reason: reason.to_owned() });
                 }
             },
         }
@@ -216,9 +224,14 @@ impl Driver {
 
     async fn submit(&mut self, submission: Submission) {
         let Submission { job, spec, plan, listener, finished, durable } = submission;
-        let frames_written = finished.len() as u64;
-        let known =
-            Job { spec: spec.clone(), tally: Tally::default(), frames_written, listener, paused: false };
+        let known = Job {
+            spec: spec.clone(),
+            tally: Tally::default(),
+            plan: plan.clone(),
+            written: finished.iter().copied().collect(),
+            listener,
+            paused: false,
+        };
         self.jobs.insert(job, known);
         let spec = Arc::new(spec);
         let _ = self.assembly.send(Task::Open(job, spec.clone(), plan)).await;
@@ -266,7 +279,7 @@ impl Driver {
         Overview {
             status: Some(self.scheduler.status(self.now())),
             tallies: self.jobs.iter().map(|(id, job)| (*id, job.tally.clone())).collect(),
-            written: self.jobs.iter().map(|(id, job)| (*id, job.frames_written)).collect(),
+            written: self.jobs.iter().map(|(id, job)| (*id, job.written.len() as u64)).collect(),
             trouble: self.trouble.clone(),
         }
     }
@@ -326,14 +339,20 @@ impl Driver {
             Report::Probed(Ok(())) => self.store_works(),
             Report::Probed(Err(_)) => self.probe_later(),
             Report::Frame { job, outcome } => {
-                if let (Ok(_), Some(job)) = (&outcome, self.jobs.get_mut(&job)) {
-                    job.frames_written += 1;
+                if let (Ok(summary), Some(job)) = (&outcome, self.jobs.get_mut(&job)) {
+                    job.written.insert(FrameIndex(summary.frame));
                 }
                 let event = match outcome {
                     Ok(summary) => JobEvent::Frame(summary),
                     Err(reason) => JobEvent::Failed(reason),
                 };
                 self.tell_listener(job, event);
+            }
+            Report::Withdrawn(job, frame) => {
+                if let Some(job) = self.jobs.get_mut(&job) {
+                    job.written.remove(&frame);
+                }
+                self.tell_listener(job, JobEvent::Withdrawn(frame));
             }
         }
     }
@@ -365,6 +384,14 @@ impl Driver {
                 let seconds = until.since(self.now()).as_secs();
                 warn!(%worker, %reason, seconds, "worker in quarantine");
             }
+            Action::Distrust { worker, reason } => {
+                let name = self.workers.get(&worker).map(|known| known.name.as_str()).unwrap_or_default();
+                error!(%worker, name, %reason, "worker delivers wrong results; it gets nothing any more");
+            }
+            Action::Reopened { job, frame, tiles, finished } => {
+                warn!(%job, %frame, tiles = tiles.len(), "a worker that delivers wrong results had a hand in this; rendering it again");
+                self.reopen(job, frame, tiles, finished).await;
+            }
             Action::Disconnect { worker, why } => {
                 if why == WhyDisconnect::Drained {
                     self.say(worker, ToWorker::Drained);
@@ -373,6 +400,18 @@ impl Driver {
                     info!(%worker, name = %left.name, ?why, "worker disconnected");
                 }
             }
+        }
+    }
+
+    async fn reopen(&mut self, id: JobId, frame: FrameIndex, tiles: Vec<Tile>, finished: bool) {
+        let Some(job) = self.jobs.get(&id) else { return };
+        if finished {
+            // Its job may have been closed.
+            let open = Task::Open(id, Arc::new(job.spec.clone()), job.plan.clone());
+            let _ = self.assembly.send(open).await;
+            let _ = self.assembly.send(Task::Withdraw(id, frame)).await;
+        } else {
+            let _ = self.assembly.send(Task::Reopen(id, frame, tiles)).await;
         }
     }
 

@@ -91,6 +91,8 @@ pub enum JobEvent {
     },
     /// A frame is written.
     Frame(FrameSummary),
+    /// A frame that was written was wrong and is rendered again.
+    Withdrawn(FrameIndex),
     /// The job cannot be finished.
     Failed(String),
 }

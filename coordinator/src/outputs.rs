@@ -133,6 +133,19 @@ pub fn write(
     write_resolved(&header, plan, finished)
 }
 
+/// Takes a frame's files away: something in it is wrong, and it is rendered again.
+pub fn withdraw(plan: &OutputPlan, frame: FrameIndex) -> std::io::Result<()> {
+    let path = plan.names.path(frame);
+    let preview = plan.preview.then(|| path.with_extension("png"));
+    for path in std::iter::once(path).chain(preview) {
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// Resolves a frame whose partials said `header` of themselves, and writes its files.
 pub fn write_resolved(
     header: &PartialHeader,

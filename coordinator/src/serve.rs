@@ -16,12 +16,12 @@ use std::sync::Arc;
 use tracing::{info, warn};
 
 /// Serves until a signal comes. Whatever was acknowledged is in the store; workers wait for the next start.
-pub async fn serve(address: SocketAddr, folder: &Path) -> Result<(), Fault> {
+pub async fn serve(address: SocketAddr, folder: &Path, verify: f64) -> Result<(), Fault> {
     let mut signals = Signals::listen()?;
     let store = Arc::new(Store::open(folder).map_err(Fault::failed)?);
     let listener = Listener::bind_or_fault(address).await?;
-    let farm =
-        driver::start(Some(store.clone())).map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
+    let farm = driver::start(Some(store.clone()), verify)
+        .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
     let jobs = store.jobs().map_err(Fault::failed)?;
     for job in &jobs {
         restore(&farm, &store, job).await?;

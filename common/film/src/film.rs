@@ -115,6 +115,16 @@ impl Film {
         Ok(Accepted::New)
     }
 
+    /// Forgets every sample of a tile, to be rendered again; whether it is one of the frame's.
+    pub fn forget(&mut self, tile: Tile) -> bool {
+        let Some(tree) = self.tiles.get_mut(&tile) else { return false };
+        if tree.is_complete(&self.roots) {
+            self.complete -= 1;
+        }
+        *tree = TileTree::default();
+        true
+    }
+
     /// Whether all samples of `block` are there for `tile`.
     pub fn holds(&self, tile: Tile, block: SampleBlock) -> bool {
         self.tiles
@@ -293,6 +303,21 @@ mod tests {
         film.add(rendered(tile, block(16..32))).unwrap();
         let overlap = FilmError::Overlap { tile, block: block(0..32) };
         assert_eq!(film.add(rendered(tile, block(0..32))), Err(overlap));
+    }
+
+    #[test]
+    fn a_forgotten_tile_is_there_again_with_the_same_bits() {
+        let resolution = Resolution::new(8, 4).unwrap();
+        let mut film = complete_film(resolution, 4, 48);
+        let expected = bits(&film);
+        let tile = Tile::new(4, 0, 8, 4).unwrap();
+        assert!(film.forget(tile) && !film.is_complete());
+        assert!(!film.forget(resolution.full()), "that is none of its tiles");
+        for block in film.roots().to_vec() {
+            assert_eq!(film.add(rendered(tile, block)), Ok(Accepted::New));
+        }
+        assert!(film.is_complete());
+        assert_eq!(bits(&film), expected);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! `cargo bench -p farm-scheduler` prints one line per figure.
 
 use farm_film::{FrameIndex, SampleBlock, WorkUnit};
-use farm_job::{JobId, JobSpec, LeaseId, Stop, WorkerId};
+use farm_job::{Digest, JobId, JobSpec, LeaseId, Stop, WorkerId};
 use farm_scene::{Filter, Integrator, SceneId, Settings};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict};
 use std::collections::{BTreeMap, VecDeque};
@@ -130,7 +130,7 @@ impl Load {
         while let Some(action) = self.scheduler.poll_action() {
             if let Action::Grant { worker, lease, job, unit, .. } = action {
                 self.held.entry(worker).or_default().push(lease);
-                self.queue.push_back(Delivery { worker, lease, job, unit });
+                self.queue.push_back(Delivery { worker, lease, job, unit, digest: Digest([0; 32]) });
             }
         }
     }

@@ -1,7 +1,7 @@
 //! What the shell must now do.
 
 use crate::Timestamp;
-use farm_film::{FrameIndex, WorkUnit};
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpecError, LeaseId, WorkerId};
 
 /// Why a job was given up.
@@ -60,7 +60,8 @@ pub enum Action {
         lease: LeaseId,
     },
     /// Every pixel of the frame has samples `[0, spp)`: the moment to estimate the error, show a picture, or stop.
-    /// Comes once per round, in order, also for the last one, and before [`Action::FrameComplete`].
+    /// Comes once per round, in order, also for the last one, and before [`Action::FrameComplete`]; again after a tile of it
+    /// was [`Action::Reopened`].
     RoundComplete {
         /// Whose.
         job: JobId,
@@ -69,7 +70,7 @@ pub enum Action {
         /// Samples per pixel.
         spp: u64,
     },
-    /// Every sample of the frame is durable.
+    /// Every sample of the frame is durable, and what of it was to be compared is.
     FrameComplete {
         /// Whose.
         job: JobId,
@@ -98,6 +99,25 @@ pub enum Action {
         until: Timestamp,
         /// The last thing that went wrong.
         reason: String,
+    },
+    /// The worker's results are wrong, and it gets nothing any more. For the log; what it had a hand in is opened again.
+    Distrust {
+        /// Who.
+        worker: WorkerId,
+        /// How that was seen.
+        reason: String,
+    },
+    /// Forget all that is there of these tiles: some of it came from a worker that delivers wrong results. They are rendered
+    /// again, and so is what others delivered of them, because the samples of a tile are one sum.
+    Reopened {
+        /// Whose.
+        job: JobId,
+        /// Which picture.
+        frame: FrameIndex,
+        /// Which part of it.
+        tiles: Vec<Tile>,
+        /// The frame was complete and all of it is rendered again. Its job may have been done, and runs again.
+        finished: bool,
     },
     /// Close the connection: the worker has been silent for too long, or has drained.
     Disconnect {

@@ -1,11 +1,11 @@
 //! Who gets what.
 
-use crate::lease::Lease;
-use crate::piece::{Piece, PieceKey};
+use crate::lease::{Lease, Work};
+use crate::piece::Piece;
 use crate::plan::pixel_samples;
 use crate::worker::Worker;
 use crate::{Action, Scheduler, policy};
-use farm_film::WorkUnit;
+use farm_film::{Tile, WorkUnit};
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::time::Duration;
 
@@ -40,8 +40,8 @@ impl Scheduler {
     fn grant_any(&mut self, id: WorkerId) -> bool {
         let mut turn = self.jobs.next_turn(None);
         while let Some(job) = turn {
-            if let Some(key) = self.next_piece(id, job) {
-                self.grant(id, job, key);
+            if let Some(work) = self.next_work(id, job) {
+                self.grant(id, job, work);
                 return true;
             }
             turn = self.jobs.next_turn(Some(job));
@@ -49,36 +49,46 @@ impl Scheduler {
         false
     }
 
-    fn next_piece(&mut self, id: WorkerId, job_id: JobId) -> Option<PieceKey> {
+    fn next_work(&mut self, id: WorkerId, job_id: JobId) -> Option<Work> {
         let job = self.jobs.get_mut(job_id)?;
         let worker = self.workers.get(id).filter(|worker| !worker.refused.contains_key(&job_id))?;
+        // The sooner a liar is found, the less of what it does is believed.
+        let mut waiting = job.checks.waiting().take(policy::PIECES_LOOKED_AT);
+        if let Some(unit) = waiting.find(|unit| job.checks.may(unit, &worker.name)) {
+            return Some(Work::Check(unit));
+        }
         let (target, slots) = (self.config.target_unit, self.slots);
         let (speed, left) = (worker.speed_in(job_id).or(job.speed), job.samples_left());
         // What failed here goes elsewhere, as long as there is an elsewhere.
         let may = |piece: &Piece| {
-            let failures = &piece.history.failures;
-            let untried =
-                |other: &Worker| !other.refused.contains_key(&job_id) && !failures.contains(&other.name);
-            !failures.contains(&worker.name)
+            let untried = |other: &Worker| {
+                !other.refused.contains_key(&job_id) && !piece.history.disappointed(&other.name)
+            };
+            !piece.history.disappointed(&worker.name)
                 || !self.workers.usable(&self.health).any(|(_, other)| untried(other))
         };
-        job.queue.take(|tile| policy::unit_samples(target, speed, tile.area(), left, slots), may)
+        let samples_max = |tile: Tile| policy::unit_samples(target, speed, tile.area(), left, slots);
+        job.queue.take(samples_max, may).map(Work::Piece)
     }
 
-    fn grant(&mut self, id: WorkerId, job_id: JobId, key: PieceKey) {
+    fn grant(&mut self, id: WorkerId, job_id: JobId, work: Work) {
         let (Some(worker), Some(job)) = (self.workers.get(id), self.jobs.get_mut(job_id)) else { return };
-        let Some(unit) = job.queue.unit(key) else { return };
-        let holders = job.queue.piece(key).map(|piece| &piece.leases[..]).unwrap_or_default();
-        assert!(
-            holders.iter().all(|lease| !worker.leases.contains(lease)),
-            "a worker holds a unit at most once"
-        );
+        let unit = match work {
+            Work::Check(unit) => Some(unit),
+            Work::Piece(key) => {
+                let holders = job.queue.piece(key).map(|piece| &piece.leases[..]).unwrap_or_default();
+                let held = holders.iter().any(|lease| worker.leases.contains(lease));
+                assert!(!held, "a worker holds a unit at most once");
+                job.queue.unit(key)
+            }
+        };
+        let Some(unit) = unit else { return };
         let time = render_time(&unit, worker.speed_in(job_id).or(job.speed), self.config.target_unit);
         let deadline = self.now.after(self.config.lease_ttl);
         let lease = Lease {
             worker: id,
             job: job_id,
-            piece: key,
+            work,
             granted: self.now,
             deadline,
             turns: worker.turns(),
@@ -86,12 +96,17 @@ impl Scheduler {
             cost: u64::try_from(time.as_nanos()).unwrap_or(u64::MAX),
         };
         let lease_id = self.leases.add(lease.clone());
-        let attempt = job.queue.lease(key, lease_id);
+        let attempt = match work {
+            Work::Piece(key) => job.queue.lease(key, lease_id),
+            Work::Check(unit) => job.checks.lease(&unit, lease_id),
+        };
         job.leases += 1;
         if let Some(worker) = self.workers.get_mut(id) {
             worker.leases.insert(lease_id);
         }
-        self.refile_piece(&lease);
+        if let Work::Piece(key) = work {
+            self.refile_piece(job_id, key);
+        }
         self.refile_worker(id);
         self.jobs.charge(job_id, lease.cost);
         self.actions.push_back(Action::Grant {
@@ -110,7 +125,7 @@ impl Scheduler {
         while self.may_speculate() && passed_over.len() < policy::SPECULATORS_LOOKED_AT {
             let Some(&(_, worker)) = self.workers.with_room.first() else { break };
             match self.worth_a_copy(worker) {
-                Some((job, key)) => self.grant(worker, job, key),
+                Some((job, work)) => self.grant(worker, job, work),
                 None => {
                     self.workers.set_room(worker, false);
                     passed_over.push(worker);
@@ -122,25 +137,25 @@ impl Scheduler {
         }
     }
 
-    fn worth_a_copy(&self, id: WorkerId) -> Option<(JobId, PieceKey)> {
+    fn worth_a_copy(&self, id: WorkerId) -> Option<(JobId, Work)> {
         let worker = self.workers.get(id)?;
         self.leases
             .slowest(self.now)
             .take(policy::SLOWEST_LOOKED_AT)
             .find(|(lease_id, lease)| self.is_worth_a_copy(worker, *lease_id, lease))
-            .map(|(_, lease)| (lease.job, lease.piece))
+            .map(|(_, lease)| (lease.job, lease.work))
     }
 
     fn is_worth_a_copy(&self, worker: &Worker, lease_id: LeaseId, lease: &Lease) -> bool {
         let Some(job) = self.jobs.get(lease.job).filter(|job| job.state == JobState::Running) else {
             return false;
         };
-        let (Some(piece), Some(unit)) = (job.queue.piece(lease.piece), job.queue.unit(lease.piece)) else {
-            return false;
-        };
+        // Whoever is to be compared is not helped.
+        let Work::Piece(key) = lease.work else { return false };
+        let (Some(piece), Some(unit)) = (job.queue.piece(key), job.queue.unit(key)) else { return false };
         let excluded = worker.leases.contains(&lease_id)
             || worker.refused.contains_key(&lease.job)
-            || piece.history.failures.contains(&worker.name);
+            || piece.history.disappointed(&worker.name);
         if excluded {
             return false;
         }

@@ -1,7 +1,7 @@
 //! What happened.
 
 use farm_film::{FrameIndex, WorkUnit};
-use farm_job::{JobId, JobSpec, LeaseId, WorkerId};
+use farm_job::{Digest, JobId, JobSpec, LeaseId, WorkerId};
 use std::time::Duration;
 
 /// A finished unit as it came from a worker.
@@ -15,6 +15,8 @@ pub struct Delivery {
     pub job: JobId,
     /// What was rendered: the leased unit, or a smaller block of it from a worker that had to stop.
     pub unit: WorkUnit,
+    /// Of the partial; the same for everyone who renders the same unit.
+    pub digest: Digest,
 }
 
 /// What happened in the world.

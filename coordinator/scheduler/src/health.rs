@@ -2,13 +2,16 @@
 
 use crate::{Timestamp, policy};
 use farm_job::JobId;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// What each worker has done wrong lately.
 #[derive(Debug, Default)]
 pub(crate) struct Health {
     records: BTreeMap<Arc<str>, Record>,
+    /// Those whose results were wrong, although they arrived as they were sent. Nothing else they say is worth anything, and
+    /// time does not heal it.
+    liars: BTreeSet<Arc<str>>,
 }
 
 #[derive(Debug, Default)]
@@ -26,6 +29,21 @@ impl Health {
     /// When a worker is forgiven, if it is in quarantine.
     pub fn quarantined_until(&self, name: &str) -> Option<Timestamp> {
         self.records.get(name)?.until
+    }
+
+    /// Whether a worker may be given something.
+    pub fn is_trusted(&self, name: &str) -> bool {
+        !self.is_liar(name) && self.quarantined_until(name).is_none()
+    }
+
+    /// Whether a worker's results were wrong.
+    pub fn is_liar(&self, name: &str) -> bool {
+        self.liars.contains(name)
+    }
+
+    /// Never trusts a worker again.
+    pub fn distrust(&mut self, name: Arc<str>) {
+        self.liars.insert(name);
     }
 
     /// Counts a success; after enough of them in a row the past is forgotten.

@@ -1,8 +1,10 @@
 //! The jobs, and whose turn it is.
 
+use crate::checks::Checks;
 use crate::plan::Plan;
+use crate::provenance::Provenance;
 use crate::queue::Queue;
-use farm_job::{JobId, JobSpec, JobSpecError, JobState};
+use farm_job::{JobId, JobSpec, JobSpecError, JobState, LeaseId};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -13,6 +15,11 @@ pub(crate) struct Job {
     pub name: String,
     pub state: JobState,
     pub queue: Queue,
+    /// What is being compared.
+    pub checks: Checks,
+    /// Frames that have all their samples and wait for their checks, by position, with their samples per pixel.
+    pub held: BTreeMap<u32, u64>,
+    pub provenance: Provenance,
     priority: i32,
     /// Nanoseconds of rendering granted to it, on the scale of its priority class.
     charged: u64,
@@ -25,6 +32,8 @@ pub(crate) struct Job {
     pub failures: u64,
     pub expired: u64,
     pub duplicates: u64,
+    pub verified: u64,
+    pub unverified: u64,
     pub render: Duration,
     pub fault: Option<String>,
 }
@@ -38,6 +47,9 @@ impl Job {
             name: spec.name.clone(),
             state: JobState::Running,
             queue: Queue::new(Plan::new(spec)?),
+            checks: Checks::default(),
+            held: BTreeMap::new(),
+            provenance: Provenance::default(),
             priority: spec.priority,
             charged,
             filed: None,
@@ -47,6 +59,8 @@ impl Job {
             failures: 0,
             expired: 0,
             duplicates: 0,
+            verified: 0,
+            unverified: 0,
             render: Duration::ZERO,
             fault: None,
         })
@@ -61,8 +75,23 @@ impl Job {
         self.queue.progress().samples() - self.queue.progress().samples_done()
     }
 
+    /// Whether there is anything to give out.
+    pub fn has_open(&self) -> bool {
+        self.queue.has_open() || self.checks.any_waiting()
+    }
+
+    /// Whether nothing is left to do.
+    pub fn is_done(&self) -> bool {
+        self.queue.is_done() && self.held.is_empty() && self.checks.is_empty()
+    }
+
+    /// Every lease on anything.
+    pub fn all_leases(&self) -> Vec<LeaseId> {
+        self.queue.leases().chain(self.checks.leases()).collect()
+    }
+
     fn turn(&self, id: JobId) -> Option<Turn> {
-        (self.state == JobState::Running && self.queue.has_open()).then_some((
+        (self.state == JobState::Running && self.has_open()).then_some((
             Reverse(self.priority),
             self.charged,
             id,

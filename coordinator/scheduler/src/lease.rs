@@ -2,15 +2,25 @@
 
 use crate::Timestamp;
 use crate::piece::PieceKey;
+use farm_film::WorkUnit;
 use farm_job::{JobId, LeaseId, WorkerId};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// One worker's claim on a piece.
+/// What a lease is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Work {
+    /// Something that is missing.
+    Piece(PieceKey),
+    /// Something that is there, to compare.
+    Check(WorkUnit),
+}
+
+/// One worker's claim on a unit.
 #[derive(Clone, Debug)]
 pub(crate) struct Lease {
     pub worker: WorkerId,
     pub job: JobId,
-    pub piece: PieceKey,
+    pub work: Work,
     pub granted: Timestamp,
     /// When it ends unless it is renewed.
     pub deadline: Timestamp,

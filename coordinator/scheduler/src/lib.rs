@@ -11,6 +11,7 @@
 //! [`Event::ResultRejected`] settles the claim.
 
 mod action;
+mod checks;
 mod dispatch;
 mod event;
 mod health;
@@ -21,6 +22,7 @@ mod piece;
 mod plan;
 mod policy;
 mod progress;
+mod provenance;
 mod queue;
 mod report;
 mod results;
@@ -29,6 +31,7 @@ mod status;
 #[cfg(test)]
 mod testing;
 mod time;
+mod verify;
 mod worker;
 
 pub use action::{Action, JobFault, WhyDisconnect};

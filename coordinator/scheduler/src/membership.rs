@@ -1,5 +1,6 @@
 //! Workers come, are heard, and go.
 
+use crate::lease::Work;
 use crate::worker::Worker;
 use crate::{Action, JobFault, Scheduler, WhyDisconnect, policy};
 use farm_job::{JobId, LeaseId, WorkerId};
@@ -63,10 +64,10 @@ impl Scheduler {
         // It was rendering its oldest leases; the others only waited.
         for (position, lease_id) in worker.leases.iter().enumerate() {
             let lease = self.end_lease(*lease_id);
-            let at = lease.as_ref().map(|lease| (lease.job, lease.piece));
+            let at = lease.as_ref().map(|lease| (lease.job, lease.work));
             self.count_expired(lease.as_ref());
             self.open_again(*lease_id, lease);
-            if let Some((job, piece)) = at.filter(|_| position < worker.slots as usize) {
+            if let Some((job, Work::Piece(piece))) = at.filter(|_| position < worker.slots as usize) {
                 self.count_loss(job, piece);
             }
         }

@@ -32,6 +32,8 @@ pub(crate) struct History {
     pub attempts: u32,
     /// Names of the workers that could not render it, one entry per failure.
     pub failures: Vec<Arc<str>>,
+    /// Names of the workers whose result of it was rejected.
+    pub rejected: Vec<Arc<str>>,
     /// Workers that vanished while they rendered it.
     pub losses: u32,
 }
@@ -48,6 +50,12 @@ impl History {
         self.attempts = self.attempts.max(other.attempts);
         self.losses = self.losses.max(other.losses);
         self.failures.extend(other.failures);
+        self.rejected.extend(other.rejected);
+    }
+
+    /// Whether a worker was tried in vain.
+    pub fn disappointed(&self, name: &Arc<str>) -> bool {
+        self.failures.contains(name) || self.rejected.contains(name)
     }
 
     /// Names of the workers it failed on, each once.

@@ -94,13 +94,24 @@ pub struct Config {
     pub lease_ttl: Duration,
     /// Whether idle workers render the slowest units a second time.
     pub speculate: bool,
+    /// Part of the accepted units that is rendered once more by another worker, to compare: 0 for none, 1 for all.
+    pub verify: f64,
+    /// Decides which units these are; nobody outside may know.
+    pub verify_seed: u64,
     /// First lease given out; later ones count upwards. A restarted coordinator starts beyond those of its former life.
     pub first_lease: LeaseId,
 }
 
 impl Default for Config {
     fn default() -> Self {
-        Self { target_unit: TARGET_UNIT, lease_ttl: LEASE_TTL, speculate: true, first_lease: LeaseId(1) }
+        Self {
+            target_unit: TARGET_UNIT,
+            lease_ttl: LEASE_TTL,
+            speculate: true,
+            verify: 0.0,
+            verify_seed: 0,
+            first_lease: LeaseId(1),
+        }
     }
 }
 

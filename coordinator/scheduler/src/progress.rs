@@ -18,6 +18,8 @@ pub(crate) struct Progress {
     frames: BTreeMap<u32, FrameProgress>,
     /// Complete, although planning has not passed them yet.
     complete_ahead: BTreeSet<u32>,
+    /// Rounds of complete frames that were ended early.
+    cut: BTreeMap<u32, u8>,
     frames_done: u64,
     samples_done: u128,
     samples: u128,
@@ -42,6 +44,7 @@ impl Progress {
         Self {
             frames: BTreeMap::new(),
             complete_ahead: BTreeSet::new(),
+            cut: BTreeMap::new(),
             frames_done: 0,
             samples_done: 0,
             samples: frame_samples(plan, 0, plan.rounds().len() as u8) * u128::from(plan.frames()),
@@ -91,6 +94,41 @@ impl Progress {
         if self.complete_ahead.insert(position) {
             self.frames_done += 1;
             self.samples_done += frame_samples(plan, 0, plan.rounds().len() as u8);
+        }
+    }
+
+    /// Makes a frame one that has begun again, if it was complete; rounds that it gets.
+    pub fn reopen(&mut self, plan: &Plan, position: u32, cursor: Option<Cell>) -> u8 {
+        if !self.is_complete(position, cursor) {
+            return self.limit(plan, position);
+        }
+        self.complete_ahead.remove(&position);
+        let rounds = plan.rounds().len() as u8;
+        let limit = self.cut.remove(&position).unwrap_or(rounds);
+        let all = |round: u8| if round < limit { plan.tiles() } else { 0 };
+        let samples = |round: u8| if round < limit { plan.round_samples(round) } else { 0 };
+        let frame = FrameProgress {
+            cells: (0..rounds).map(all).collect(),
+            samples: (0..rounds).map(samples).collect(),
+            begun: limit,
+            complete: limit,
+            limit,
+        };
+        self.frames.insert(position, frame);
+        self.frames_done -= 1;
+        limit
+    }
+
+    /// Notes that a cell lost all that was durable of it; `left` samples per pixel were not.
+    pub fn undo(&mut self, plan: &Plan, cell: Cell, left: u64) {
+        let frame = self.frames.get_mut(&cell.frame).expect("a cell is undone while its frame is open");
+        let (round, area) = (usize::from(cell.round), plan.tile(cell.tile).area() as u128);
+        let lost = area * u128::from(plan.block(cell).samples() - left);
+        frame.samples[round] -= lost;
+        self.samples_done -= lost;
+        if left == 0 {
+            frame.cells[round] -= 1;
+            frame.complete = frame.complete.min(cell.round);
         }
     }
 
@@ -150,7 +188,11 @@ impl Progress {
             reached.push(Milestone::Round { frame: position, spp: spp(frame.complete) });
         }
         if frame.complete >= frame.limit {
-            reached.push(Milestone::Frame { frame: position, spp: spp(frame.limit) });
+            let limit = frame.limit;
+            reached.push(Milestone::Frame { frame: position, spp: spp(limit) });
+            if usize::from(limit) < plan.rounds().len() {
+                self.cut.insert(position, limit);
+            }
             self.frames.remove(&position);
             self.frames_done += 1;
             if cursor.is_some_and(|cursor| position >= cursor.frame) {

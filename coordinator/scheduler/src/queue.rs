@@ -16,6 +16,7 @@ use crate::{Verdict, policy};
 use farm_film::{FrameIndex, SampleBlock, Tile, WorkUnit};
 use farm_job::LeaseId;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 /// The units of one job that are not durable yet, and how far its frames are.
 #[derive(Clone, Debug)]
@@ -162,10 +163,12 @@ impl Queue {
         displaced
     }
 
-    /// Opens a reserved unit again, if it has not become pointless since.
-    pub fn unreserve(&mut self, unit: &WorkUnit) {
+    /// Opens a reserved unit again, if it has not become pointless since; `rejected`: who sent something that is no result.
+    pub fn unreserve(&mut self, unit: &WorkUnit, rejected: Option<Arc<str>>) {
         let Some(key) = self.storing(unit) else { return };
-        self.pieces.get_mut(&key).expect("the piece was just found").storing = false;
+        let piece = self.pieces.get_mut(&key).expect("the piece was just found");
+        piece.storing = false;
+        piece.history.rejected.extend(rejected);
         self.file(key);
     }
 
@@ -225,6 +228,23 @@ impl Queue {
         }
         self.advance();
         Some(Accepted { displaced, milestones })
+    }
+
+    /// Opens tiles of a frame again, of which some or all is durable; the leases on them, which end.
+    pub fn reopen(&mut self, frame: u32, tiles: &[u32]) -> Vec<LeaseId> {
+        let rounds = self.progress.reopen(&self.plan, frame, self.cursor);
+        let cells = (0..rounds).flat_map(|round| tiles.iter().map(move |&tile| Cell { frame, round, tile }));
+        let touched: Vec<Cell> = cells.filter(|cell| self.is_touched(*cell)).collect();
+        let mut displaced = Vec::new();
+        for cell in touched {
+            let whole = self.plan.block(cell);
+            let keys: Vec<_> = self.pieces.range(within(cell, whole)).map(|(key, _)| *key).collect();
+            let pieces: Vec<Piece> = keys.into_iter().filter_map(|key| self.remove(key)).collect();
+            self.progress.undo(&self.plan, cell, pieces.iter().map(|piece| piece.block.samples()).sum());
+            displaced.extend(pieces.into_iter().flat_map(|piece| piece.leases));
+            self.insert(cell, whole, History::default());
+        }
+        displaced
     }
 
     /// Drops everything that is left to do; the leases on it.

@@ -27,7 +27,7 @@ impl Scheduler {
             name: job.name.clone(),
             state: job.state,
             priority: job.priority(),
-            frames_done: progress.frames_done(),
+            frames_done: progress.frames_done() - job.held.len() as u64,
             frames: job.queue.plan().frames(),
             current: self.frame_status(job),
             samples_done: progress.samples_done(),
@@ -37,6 +37,8 @@ impl Scheduler {
             failures: job.failures,
             expired: job.expired,
             duplicates: job.duplicates,
+            verified: job.verified,
+            unverified: job.unverified,
             render: job.render,
             fault: job.fault.clone(),
             why_idle: self.why_job_idle(id, job, now),
@@ -61,6 +63,7 @@ impl Scheduler {
             failures: worker.failures,
             silent_for: now.since(worker.heard),
             draining: worker.draining,
+            distrusted: self.health.is_liar(&worker.name),
             quarantined_for: self.health.quarantined_until(&worker.name).map(|until| until.since(now)),
         }
     }
@@ -86,8 +89,11 @@ impl Scheduler {
         if job.state == JobState::Paused {
             return Some(WhyIdle::Paused);
         }
-        if !job.queue.has_open() {
+        if !job.has_open() {
             return Some(WhyIdle::Storing);
+        }
+        if let Some(unit) = job.checks.disputed().filter(|_| !job.queue.has_open()) {
+            return Some(WhyIdle::Disputed { unit });
         }
         self.why_no_worker(id, now).or_else(|| {
             let busy = self.jobs.by_id.iter().find(|(_, other)| other.leases > 0);
@@ -105,6 +111,8 @@ impl Scheduler {
         let quarantines = workers().filter_map(|worker| self.health.quarantined_until(&worker.name));
         if workers().next().is_none() {
             Some(WhyIdle::NoWorkers)
+        } else if workers().all(|worker| self.health.is_liar(&worker.name)) {
+            Some(WhyIdle::Distrusted)
         } else if let Some(until) = quarantines.min() {
             Some(WhyIdle::Quarantined { soonest: until.since(now) })
         } else {

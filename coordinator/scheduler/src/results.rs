@@ -1,10 +1,13 @@
 //! Results come in, are claimed, and settled.
 
-use crate::piece::{History, PieceKey};
+use crate::lease::Work;
+use crate::piece::History;
 use crate::plan::pixel_samples;
+use crate::verify::Claim;
 use crate::{Delivery, JobFault, Scheduler, Timestamp, policy};
 use farm_film::WorkUnit;
 use farm_job::{JobId, LeaseId, WorkerId};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What to do with a result that has come in.
@@ -17,6 +20,10 @@ pub enum Verdict {
     NotNeeded,
     /// It is no unit of its job: refuse it.
     Foreign,
+    /// Its samples are there already, and it was compared with them: acknowledge it as not needed and drop it.
+    Compared,
+    /// Whoever sent it delivers wrong results, or left so long ago that nobody could be held to it: refuse it.
+    Distrusted,
 }
 
 impl Scheduler {
@@ -36,17 +43,23 @@ impl Scheduler {
         self.hear(delivery.worker);
         let verdict = self.reserve(delivery);
         self.dispatch();
+        self.waive_checks();
         self.forget_dismissed();
         verdict
     }
 
     pub(crate) fn unit_accepted(&mut self, delivery: &Delivery, render: Duration) {
-        // A shell that did not ask before gets the answer now.
-        if !self.end_claim(delivery) {
-            if self.reserve(delivery) != Verdict::Wanted {
-                return;
-            }
-            self.end_claim(delivery);
+        let claim = match self.end_claim(delivery) {
+            Some(claim) => claim,
+            // A shell that did not ask before gets the answer now.
+            None if self.reserve(delivery) == Verdict::Wanted => match self.end_claim(delivery) {
+                Some(claim) => claim,
+                None => return,
+            },
+            None => return,
+        };
+        if claim.void {
+            return;
         }
         let Some(job) = self.jobs.get_mut(delivery.job) else { return };
         let accepted = job.queue.accept(&delivery.unit);
@@ -61,23 +74,30 @@ impl Scheduler {
                 worker.units_done += 1;
                 self.health.success(&worker.name);
             }
+            if let Some(name) = &claim.name {
+                self.note_origin(delivery, name);
+            }
         }
         self.settle(delivery.job, accepted);
         self.refile_worker(delivery.worker);
     }
 
     pub(crate) fn store_failed(&mut self, delivery: &Delivery) {
-        if self.end_claim(delivery) {
-            self.unreserve(delivery);
+        if self.end_claim(delivery).is_some_and(|claim| !claim.void) {
+            self.unreserve(delivery, None);
         }
     }
 
     pub(crate) fn result_rejected(&mut self, delivery: &Delivery, reason: String) {
         self.hear(delivery.worker);
-        if self.end_claim(delivery) {
-            self.unreserve(delivery);
-        } else {
-            self.give_up_lease(delivery.worker, delivery.lease);
+        let name = self.workers.get(delivery.worker).map(|worker| worker.name.clone());
+        match self.end_claim(delivery) {
+            Some(claim) if claim.void => {}
+            Some(_) => self.unreserve(delivery, name),
+            None => {
+                let given_up = self.give_up_lease(delivery.worker, delivery.lease);
+                self.note_rejected(given_up, name);
+            }
         }
         if let Some(job) = self.jobs.get_mut(delivery.job) {
             job.failures += 1;
@@ -87,15 +107,19 @@ impl Scheduler {
 
     pub(crate) fn unit_failed(&mut self, id: WorkerId, lease: LeaseId, reason: String) {
         self.hear(id);
-        let Some((job_id, key)) = self.give_up_lease(id, lease) else { return };
+        let Some((job_id, work)) = self.give_up_lease(id, lease) else { return };
         let name = self.workers.get(id).map(|worker| worker.name.clone());
         if let Some(job) = self.jobs.get_mut(job_id) {
             job.failures += 1;
-            if let Some(history) = job.queue.history_mut(key) {
-                history.failures.extend(name);
+            if let Work::Piece(key) = work
+                && let Some(history) = job.queue.history_mut(key)
+            {
+                history.failures.extend(name.clone());
             }
         }
+        self.check_failed(job_id, work, name);
         self.blame(id, job_id, true, reason.clone());
+        let Work::Piece(key) = work else { return };
         let Some(job) = self.jobs.get(job_id) else { return };
         let (Some(piece), Some(unit)) = (job.queue.piece(key), job.queue.unit(key)) else { return };
         if !self.is_hopeless(job_id, &piece.history) {
@@ -119,10 +143,10 @@ impl Scheduler {
     }
 
     /// Ends a lease that its worker will not answer; the piece it was for.
-    fn give_up_lease(&mut self, worker: WorkerId, id: LeaseId) -> Option<(JobId, PieceKey)> {
+    fn give_up_lease(&mut self, worker: WorkerId, id: LeaseId) -> Option<(JobId, Work)> {
         self.leases.get(id).filter(|lease| lease.worker == worker)?;
         let lease = self.end_lease(id)?;
-        let at = (lease.job, lease.piece);
+        let at = (lease.job, lease.work);
         self.open_again(id, Some(lease));
         Some(at)
     }
@@ -131,10 +155,12 @@ impl Scheduler {
         let answered = self.leases.get(delivery.lease).filter(|lease| lease.worker == delivery.worker);
         if answered.is_some_and(|lease| lease.job == delivery.job) {
             let lease = self.end_lease(delivery.lease).expect("the lease was just seen");
-            if let Some(job) = self.jobs.get_mut(delivery.job) {
-                job.queue.release(lease.piece, delivery.lease);
-            }
-            self.refile_piece(&lease);
+            self.release(delivery.lease, &lease);
+        }
+        let name = self.workers.get(delivery.worker).map(|worker| worker.name.clone());
+        let accountable = name.as_ref().is_some_and(|name| !self.health.is_liar(name));
+        if self.config.verify > 0.0 && !accountable {
+            return Verdict::Distrusted;
         }
         let verdict = self.wants(delivery.job, &delivery.unit);
         let Some(job) = self.jobs.get_mut(delivery.job) else { return verdict };
@@ -142,50 +168,66 @@ impl Scheduler {
             Verdict::Wanted => {
                 let displaced = job.queue.reserve(&delivery.unit);
                 self.revoke(displaced);
-                self.claims.insert(*delivery);
+                self.claims.insert(*delivery, Claim { name, void: false });
                 if let Some(worker) = self.workers.get_mut(delivery.worker) {
                     worker.storing += 1;
                 }
                 self.refile_worker(delivery.worker);
             }
-            Verdict::NotNeeded => job.duplicates += 1,
-            Verdict::Foreign => {}
+            Verdict::NotNeeded => {
+                job.duplicates += 1;
+                if self.compare(delivery) {
+                    return Verdict::Compared;
+                }
+            }
+            Verdict::Foreign | Verdict::Compared | Verdict::Distrusted => {}
         }
         self.jobs.file(delivery.job);
         verdict
     }
 
-    fn unreserve(&mut self, delivery: &Delivery) {
+    /// Opens a claimed unit again; `rejected`: for others than whoever sent this.
+    fn unreserve(&mut self, delivery: &Delivery, rejected: Option<Arc<str>>) {
         if let Some(job) = self.jobs.get_mut(delivery.job) {
-            job.queue.unreserve(&delivery.unit);
+            job.queue.unreserve(&delivery.unit, rejected);
             self.jobs.file(delivery.job);
         }
     }
 
-    /// Ends a claim; whether there was one.
-    fn end_claim(&mut self, delivery: &Delivery) -> bool {
-        let claimed = self.claims.remove(delivery);
-        if let Some(worker) = self.workers.get_mut(delivery.worker).filter(|_| claimed) {
+    /// Ends a claim, if there was one.
+    fn end_claim(&mut self, delivery: &Delivery) -> Option<Claim> {
+        let claim = self.claims.remove(delivery)?;
+        if let Some(worker) = self.workers.get_mut(delivery.worker) {
             worker.storing = worker.storing.saturating_sub(1);
             self.refile_worker(delivery.worker);
         }
-        claimed
+        Some(claim)
     }
 
-    /// Forgets what is on its way to the store for an earlier job of the same name.
+    /// What is on its way to the store for an earlier job of the same name counts for nothing.
     pub(crate) fn forget_claims(&mut self, job: JobId) {
-        let claims: Vec<Delivery> = self.claims.iter().filter(|claim| claim.job == job).copied().collect();
-        for claim in claims {
-            self.end_claim(&claim);
+        for (_, claim) in self.claims.iter_mut().filter(|(delivery, _)| delivery.job == job) {
+            claim.void = true;
         }
+    }
+
+    /// Lets others try a unit first of which a worker sent something that is no result.
+    fn note_rejected(&mut self, given_up: Option<(JobId, Work)>, name: Option<Arc<str>>) {
+        let Some((job, work)) = given_up else { return };
+        if let (Some(job), Work::Piece(key)) = (self.jobs.get_mut(job), work)
+            && let Some(history) = job.queue.history_mut(key)
+        {
+            history.rejected.extend(name.clone());
+        }
+        self.check_failed(job, work, name);
     }
 
     /// Whether a unit has failed wherever it could be tried.
     fn is_hopeless(&self, job: JobId, history: &History) -> bool {
         let untried = || {
-            self.workers.usable(&self.health).any(|(_, worker)| {
-                !worker.refused.contains_key(&job) && !history.failures.contains(&worker.name)
-            })
+            self.workers
+                .usable(&self.health)
+                .any(|(_, worker)| !worker.refused.contains_key(&job) && !history.disappointed(&worker.name))
         };
         let times = history.failures.len();
         times >= policy::FAILURES_MAX

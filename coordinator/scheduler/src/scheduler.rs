@@ -2,14 +2,16 @@
 
 use crate::health::Health;
 use crate::job::Jobs;
-use crate::lease::{Lease, Leases};
+use crate::lease::{Lease, Leases, Work};
+use crate::piece::PieceKey;
 use crate::progress::Milestone;
 use crate::queue::Accepted;
+use crate::verify::Claim;
 use crate::worker::Workers;
 use crate::{Action, Config, Delivery, Event, JobFault, Timestamp, WhyDisconnect, policy};
-use farm_film::WorkUnit;
+use farm_film::{FrameIndex, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 
 /// The mind of the farm.
 #[derive(Debug)]
@@ -23,7 +25,7 @@ pub struct Scheduler {
     pub(crate) health: Health,
     pub(crate) leases: Leases,
     /// Deliveries on their way to the store.
-    pub(crate) claims: BTreeSet<Delivery>,
+    pub(crate) claims: BTreeMap<Delivery, Claim>,
     /// Workers that were sent off and are forgotten when the event at hand is dealt with.
     pub(crate) dismissed: Vec<WorkerId>,
     /// Slots of all workers that may be given something.
@@ -42,7 +44,7 @@ impl Scheduler {
             jobs: Jobs::default(),
             workers: Workers::default(),
             health: Health::default(),
-            claims: BTreeSet::new(),
+            claims: BTreeMap::new(),
             dismissed: Vec::new(),
             slots: 0,
             actions: VecDeque::new(),
@@ -63,8 +65,7 @@ impl Scheduler {
             Event::JobRequeued { job } => self.job_requeued(job),
             Event::PriorityChanged { job, priority } => self.jobs.set_priority(job, priority),
             Event::FrameTruncated { job, frame, spp } => {
-                let truncated = self.jobs.get_mut(job).and_then(|job| job.queue.truncate(frame, spp));
-                self.settle(job, truncated);
+                self.truncate(job, frame, spp);
             }
             Event::WorkerJoined { worker, name, slots } => self.worker_joined(worker, name, slots),
             Event::Heartbeat { worker, leases, round_trip } => self.heartbeat(worker, &leases, round_trip),
@@ -80,6 +81,7 @@ impl Scheduler {
         }
         self.expire();
         self.dispatch();
+        self.waive_checks();
         self.forget_dismissed();
     }
 
@@ -123,13 +125,7 @@ impl Scheduler {
         }
     }
 
-    fn job_submitted(
-        &mut self,
-        id: JobId,
-        spec: &JobSpec,
-        finished: &[farm_film::FrameIndex],
-        durable: &[WorkUnit],
-    ) {
+    fn job_submitted(&mut self, id: JobId, spec: &JobSpec, finished: &[FrameIndex], durable: &[WorkUnit]) {
         if self.jobs.get(id).is_some_and(|job| !job.state.is_final()) {
             return;
         }
@@ -155,10 +151,20 @@ impl Scheduler {
         }
     }
 
+    fn truncate(&mut self, id: JobId, frame: FrameIndex, spp: u64) {
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        let Some(truncated) = job.queue.truncate(frame, spp) else { return };
+        let compared = job.checks.remove_if(|unit| unit.frame == frame && unit.block.end() > spp);
+        self.revoke(compared);
+        self.settle(id, Some(truncated));
+    }
+
     fn job_cancelled(&mut self, id: JobId) {
         let Some(job) = self.jobs.get_mut(id).filter(|job| job.state != JobState::Done) else { return };
         job.state = JobState::Cancelled;
-        let leases = job.queue.abandon();
+        let mut leases = job.queue.abandon();
+        leases.extend(job.checks.remove_if(|_| true));
+        job.held.clear();
         self.revoke(leases);
         self.end_job(id);
     }
@@ -177,8 +183,7 @@ impl Scheduler {
         job.state = JobState::Failed;
         job.fault = Some(fault.to_string());
         self.actions.push_back(Action::JobFailed { job: id, fault });
-        let leases: Vec<LeaseId> =
-            self.jobs.get(id).map(|job| job.queue.leases().collect()).unwrap_or_default();
+        let leases = self.jobs.get(id).map(|job| job.all_leases()).unwrap_or_default();
         for lease in leases {
             self.take_back(lease);
         }
@@ -187,27 +192,32 @@ impl Scheduler {
 
     /// Announces what was reached, and ends what became pointless and the job if nothing of it is left.
     pub(crate) fn settle(&mut self, id: JobId, accepted: Option<Accepted>) {
-        let Some(job) = self.jobs.get(id) else { return };
+        let Some(job) = self.jobs.get_mut(id) else { return };
         if let Some(accepted) = accepted {
             for milestone in accepted.milestones {
-                let frame = |position| job.queue.plan().frame(position);
-                self.actions.push_back(match milestone {
-                    Milestone::Round { frame: at, spp } => {
-                        Action::RoundComplete { job: id, frame: frame(at), spp }
+                match milestone {
+                    Milestone::Round { frame, spp } => {
+                        let frame = job.queue.plan().frame(frame);
+                        self.actions.push_back(Action::RoundComplete { job: id, frame, spp });
                     }
-                    Milestone::Frame { frame: at, spp } => {
-                        Action::FrameComplete { job: id, frame: frame(at), spp }
+                    Milestone::Frame { frame, spp } => {
+                        job.held.insert(frame, spp);
                     }
-                });
+                }
             }
             self.revoke(accepted.displaced);
         }
-        if let Some(job) = self.jobs.get_mut(id).filter(|job| !job.state.is_final() && job.queue.is_done()) {
+        self.release_held(id);
+        self.jobs.file(id);
+    }
+
+    /// Ends a job of which nothing is left to do.
+    pub(crate) fn end_if_done(&mut self, id: JobId) {
+        if let Some(job) = self.jobs.get_mut(id).filter(|job| !job.state.is_final() && job.is_done()) {
             job.state = JobState::Done;
             self.actions.push_back(Action::JobDone { job: id });
             self.end_job(id);
         }
-        self.jobs.file(id);
     }
 
     fn end_job(&mut self, id: JobId) {
@@ -251,10 +261,7 @@ impl Scheduler {
     /// Gives a lease's piece back to its job, which takes its charge back.
     pub(crate) fn open_again(&mut self, id: LeaseId, lease: Option<Lease>) {
         let Some(lease) = lease else { return };
-        if let Some(job) = self.jobs.get_mut(lease.job) {
-            job.queue.release(lease.piece, id);
-        }
-        self.refile_piece(&lease);
+        self.release(id, &lease);
         self.jobs.refund(lease.job, lease.cost);
     }
 
@@ -264,9 +271,22 @@ impl Scheduler {
         }
     }
 
+    /// Tells what an ended lease was for that it has ended.
+    pub(crate) fn release(&mut self, id: LeaseId, lease: &Lease) {
+        match lease.work {
+            Work::Piece(piece) => {
+                if let Some(job) = self.jobs.get_mut(lease.job) {
+                    job.queue.release(piece, id);
+                }
+                self.refile_piece(lease.job, piece);
+            }
+            Work::Check(unit) => self.release_check(lease.job, &unit, id),
+        }
+    }
+
     /// Notes whether exactly one worker renders a piece, which makes it fit for a duplicate.
-    pub(crate) fn refile_piece(&mut self, lease: &Lease) {
-        let piece = self.jobs.get(lease.job).and_then(|job| job.queue.piece(lease.piece));
+    pub(crate) fn refile_piece(&mut self, job: JobId, key: PieceKey) {
+        let piece = self.jobs.get(job).and_then(|job| job.queue.piece(key));
         let Some(piece) = piece else { return };
         let alone = piece.leases.len() == 1 && !piece.storing;
         for id in piece.leases.clone() {
@@ -277,8 +297,7 @@ impl Scheduler {
     /// Notes whether a worker has room for more.
     pub(crate) fn refile_worker(&mut self, id: WorkerId) {
         let Some(worker) = self.workers.get(id) else { return };
-        let trusted = self.health.quarantined_until(&worker.name).is_none();
-        let has_room = trusted && worker.has_room(self.config.target_unit);
+        let has_room = self.health.is_trusted(&worker.name) && worker.has_room(self.config.target_unit);
         self.workers.set_room(id, has_room);
         self.dismiss_if_drained(id);
     }

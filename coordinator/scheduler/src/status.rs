@@ -1,6 +1,6 @@
 //! What the farm looks like from outside.
 
-use farm_film::FrameIndex;
+use farm_film::{FrameIndex, WorkUnit};
 use farm_job::{JobId, JobState, WorkerId};
 use serde::Serialize;
 use std::time::Duration;
@@ -47,6 +47,10 @@ pub struct JobStatus {
     pub expired: u64,
     /// Results that were dropped because their samples were already there.
     pub duplicates: u64,
+    /// Units that two workers rendered to the same bits.
+    pub verified: u64,
+    /// Units that were to be compared, but with nobody there to render them once more.
+    pub unverified: u64,
     /// Time its accepted units took on their slots.
     pub render: Duration,
     /// Why it failed.
@@ -87,6 +91,8 @@ pub struct WorkerStatus {
     pub silent_for: Duration,
     /// Takes no more work.
     pub draining: bool,
+    /// Its results were wrong: it gets nothing any more.
+    pub distrusted: bool,
     /// Time until it is forgiven.
     pub quarantined_for: Option<Duration>,
 }
@@ -112,6 +118,17 @@ pub enum WhyIdle {
     Quarantined {
         /// Time until the first of them is tried again.
         soonest: Duration,
+    },
+    /// Everybody connected delivered wrong results.
+    #[error("every connected worker has delivered wrong results: start another one")]
+    Distrusted,
+    /// Two results of the same unit differ, and nobody is there to tell which one is wrong.
+    #[error(
+        "workers rendered {unit} differently, and one more is needed to tell which of them is wrong: start another one"
+    )]
+    Disputed {
+        /// Which one.
+        unit: WorkUnit,
     },
     /// Nobody connected can render the job.
     #[error("every connected worker refuses the job: {reason}")]

@@ -143,7 +143,7 @@ impl Workers {
         self.by_id
             .iter()
             .map(|(id, worker)| (*id, worker))
-            .filter(|(_, worker)| !worker.draining && health.quarantined_until(&worker.name).is_none())
+            .filter(|(_, worker)| !worker.draining && health.is_trusted(&worker.name))
     }
 
     /// Files a worker by how full it is, or takes it out.

@@ -1,6 +1,6 @@
 //! One job from the command line to its pictures.
 
-use super::work::WorkArgs;
+use super::work::{WorkArgs, part};
 use crate::driver;
 use crate::farm::{Farm, JobEvent, Submission};
 use crate::outputs::{FrameNames, FrameSummary, OutputPlan};
@@ -74,6 +74,11 @@ pub struct RenderArgs {
     )]
     no_local_worker: bool,
 
+    /// Part of the units that two workers render, to compare the bits: 0.02 or 2%. When they differ a third one tells which is
+    /// wrong; that worker gets nothing any more, and what it delivered is rendered again
+    #[arg(long, env = "FARM_VERIFY", value_name = "PART", default_value = "0", value_parser = part, requires = "listen", help_heading = "Farm")]
+    verify: f64,
+
     /// Print one JSON object on standard output when done
     #[arg(long, env = "FARM_JSON")]
     json: bool,
@@ -112,7 +117,8 @@ async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
     let mut loaded = tokio::task::spawn_blocking(move || picture.load()).await.map_err(Fault::failed)??;
     let spec = args.work.spec(&loaded, &plan.scene_name, 0)?;
 
-    let farm = driver::start(None).map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
+    let farm =
+        driver::start(None, args.verify).map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
     let listening = listener.as_ref().map(Listener::address);
     if let Some(listener) = listener {
         farm.registry.put_scene(loaded.id, std::mem::take(&mut loaded.snapshot));
@@ -219,6 +225,7 @@ impl Run {
         match event {
             JobEvent::Prepared { build } => self.build = self.build.max(build),
             JobEvent::Frame(frame) => self.frames.push(frame),
+            JobEvent::Withdrawn(frame) => self.frames.retain(|written| written.frame != frame.0),
             JobEvent::Failed(reason) => return Err(Fault::failed(reason)),
         }
         Ok(())

@@ -1,5 +1,6 @@
 //! A coordinator for many jobs.
 
+use super::work::part;
 use crate::serve::serve;
 use farm_worker::cli::Fault;
 use std::net::SocketAddr;
@@ -21,9 +22,13 @@ pub struct ServeArgs {
     /// Folder that keeps jobs, scenes, partials and finished frames
     #[arg(long, env = "FARM_STORE", value_name = "DIR")]
     store: PathBuf,
+    /// Part of the units that two workers render, to compare the bits: 0.02 or 2%. When they differ a third one tells which is
+    /// wrong; that worker gets nothing any more, and what it delivered is rendered again
+    #[arg(long, env = "FARM_VERIFY", value_name = "PART", default_value = "0", value_parser = part)]
+    verify: f64,
 }
 
 /// Serves until a signal comes.
 pub fn run(args: &ServeArgs) -> Result<(), Fault> {
-    super::block_on(serve(args.listen, &args.store))
+    super::block_on(serve(args.listen, &args.store, args.verify))
 }

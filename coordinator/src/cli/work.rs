@@ -53,6 +53,17 @@ impl WorkArgs {
     }
 }
 
+/// A part of the whole: 0.02, 2%.
+pub fn part(text: &str) -> Result<f64, String> {
+    let (number, scale) = match text.strip_suffix('%') {
+        Some(number) => (number, 0.01),
+        None => (text, 1.0),
+    };
+    let part = number.trim().parse::<f64>().map(|number| number * scale).ok();
+    part.filter(|part| (0.0..=1.0).contains(part))
+        .ok_or_else(|| format!("{text:?} is no part of a whole: write 0.02 or 2%, at most 1"))
+}
+
 /// A tile travels in one message.
 pub fn check_tile(resolution: Resolution, side: u32) -> Result<(), String> {
     let width = u64::from(side.min(resolution.width()));
@@ -71,6 +82,15 @@ pub fn check_tile(resolution: Resolution, side: u32) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_are_within_a_whole() {
+        assert_eq!(
+            ["0", "0.02", "2%", "1", "100 %"].map(|text| part(text).unwrap()),
+            [0.0, 0.02, 0.02, 1.0, 1.0]
+        );
+        assert!(["", "-0.1", "1.5", "nan", "120%", "all"].iter().all(|text| part(text).is_err()));
+    }
 
     #[test]
     fn tiles_that_do_not_fit_a_message_are_refused() {

@@ -12,11 +12,12 @@
 //! Restart: list, read, continue. Every intermediate state opens in any EXR viewer, and `coordinator merge` takes the
 //! partials as they are.
 
-use farm_film::{FilmTile, FrameIndex, WorkUnit};
+use farm_film::{FilmTile, FrameIndex, Tile, WorkUnit};
 use farm_image::{ImageError, PartialLimits, decode_partial, write_file};
 use farm_job::{JobId, JobSpec, JobState};
 use farm_scene::SceneId;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use tracing::warn;
@@ -165,6 +166,24 @@ impl Store {
             }
         }
         partials
+    }
+
+    /// Forgets the partials of some tiles, which are rendered again.
+    pub fn remove_tiles(&self, job: JobId, frame: FrameIndex, tiles: &[Tile]) -> Result<(), StoreError> {
+        let folder = self.partials_folder(job, frame);
+        if !folder.is_dir() {
+            return Ok(());
+        }
+        let corners: BTreeSet<String> =
+            tiles.iter().map(|tile| format!("{}-{}-", tile.x0(), tile.y0())).collect();
+        for name in names(&folder)? {
+            let name = name.to_string_lossy().into_owned();
+            if corners.iter().any(|corner| name.starts_with(corner)) {
+                let path = folder.join(name);
+                std::fs::remove_file(&path).map_err(|error| StoreError::File { path, error })?;
+            }
+        }
+        Ok(())
     }
 
     /// Forgets the partials of a frame that is finished.

@@ -36,7 +36,7 @@ fn unit(start: u64) -> WorkUnit {
 
 fn partial(unit: &WorkUnit) -> Vec<u8> {
     let header = PartialHeader {
-        resolution: farm_film::Resolution::new(8, 8).unwrap(),
+        resolution: farm_film::Resolution::new(8, 16).unwrap(),
         frame: unit.frame,
         scene: [1; 32],
         settings: [2; 32],
@@ -68,6 +68,20 @@ fn what_was_put_is_there_after_a_restart() {
     assert_eq!(blocks, [0, 16]);
     store.remove_partials(JobId(9), FrameIndex(2));
     assert!(store.partials(JobId(9), FrameIndex(2)).is_empty());
+}
+
+#[test]
+fn tiles_are_forgotten_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let other = WorkUnit { tile: Tile::new(0, 8, 8, 16).unwrap(), ..unit(0) };
+    for unit in [unit(0), unit(16), other] {
+        store.put_partial(JobId(1), &unit, &partial(&unit)).unwrap();
+    }
+    store.remove_tiles(JobId(1), FrameIndex(2), &[unit(0).tile]).unwrap();
+    store.remove_tiles(JobId(1), FrameIndex(3), &[unit(0).tile]).unwrap();
+    let left: Vec<_> = store.partials(JobId(1), FrameIndex(2)).iter().map(|(tile, _)| tile.tile()).collect();
+    assert_eq!(left, [other.tile]);
 }
 
 #[test]

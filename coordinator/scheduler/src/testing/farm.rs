@@ -1,8 +1,9 @@
 //! A farm that does what a story says, and nothing else.
 
+use super::honest;
 use crate::{Action, Config, Delivery, Event, JobStatus, Scheduler, Timestamp, Verdict};
 use farm_film::{SampleBlock, WorkUnit};
-use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
+use farm_job::{Digest, JobId, JobSpec, JobState, LeaseId, WorkerId};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -46,7 +47,12 @@ impl Farm {
         Self::of(count, Config::default())
     }
 
-    fn of(count: u64, config: Config) -> Self {
+    /// The same, but nobody speculates and each result is compared with that of another worker.
+    pub fn verifying(count: u64) -> Self {
+        Self::of(count, Config { speculate: false, verify: 1.0, ..Config::default() })
+    }
+
+    pub fn of(count: u64, config: Config) -> Self {
         let mut farm = Self {
             scheduler: Scheduler::new(config),
             now: Timestamp::START,
@@ -139,9 +145,23 @@ impl Farm {
     }
 
     pub fn claim(&mut self, held: Held) -> Verdict {
+        self.claim_as(held, honest(&held.unit))
+    }
+
+    fn claim_as(&mut self, held: Held, digest: Digest) -> Verdict {
         self.held.retain(|other| other.lease != held.lease);
-        let verdict = self.scheduler.claim(self.now, &delivery(held));
+        let verdict = self.scheduler.claim(self.now, &Delivery { digest, ..delivery(held) });
         self.perform();
+        verdict
+    }
+
+    /// A worker delivers some result of what it holds, which the store takes if it is wanted.
+    pub fn finish_as(&mut self, held: Held, digest: Digest) -> Verdict {
+        let verdict = self.claim_as(held, digest);
+        if verdict == Verdict::Wanted {
+            let delivery = Delivery { digest, ..delivery(held) };
+            self.tell(Event::UnitAccepted { delivery, render: Duration::from_millis(100) });
+        }
         verdict
     }
 
@@ -172,6 +192,13 @@ impl Farm {
         finished
     }
 
+    /// The same where results are compared.
+    pub fn finish_everything(&mut self) {
+        while let Some(&held) = self.held.first() {
+            self.finish_as(held, honest(&held.unit));
+        }
+    }
+
     pub fn job(&self, job: JobId) -> JobStatus {
         let status = self.scheduler.status(self.now);
         status.jobs.into_iter().find(|status| status.job == job).expect("the job was submitted")
@@ -184,7 +211,13 @@ impl Farm {
 
 /// What a worker sends when it has rendered what it holds.
 pub(crate) fn delivery(held: Held) -> Delivery {
-    Delivery { worker: held.worker, lease: held.lease, job: held.job, unit: held.unit }
+    Delivery {
+        worker: held.worker,
+        lease: held.lease,
+        job: held.job,
+        unit: held.unit,
+        digest: honest(&held.unit),
+    }
 }
 
 pub(crate) fn block(range: std::ops::Range<u64>) -> SampleBlock {

@@ -1,7 +1,7 @@
 //! Farms in which everything goes wrong, by seed. The shell, its store, the network and the workers are played here; after
 //! each step the promises hold, and once the accidents stop every job completes.
 
-use super::spec;
+use super::{honest, spec};
 use crate::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict};
 use farm_film::{FrameIndex, SampleBlock, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
@@ -118,7 +118,8 @@ struct World {
 impl World {
     fn new(seed: u64) -> Self {
         let mut dice = Dice(seed);
-        let config = Config { speculate: dice.percent(80), ..Config::default() };
+        let verify = if dice.percent(50) { 0.3 } else { 0.0 };
+        let config = Config { speculate: dice.percent(80), verify, ..Config::default() };
         let mut world = Self {
             dice,
             now: Timestamp::START,
@@ -219,6 +220,7 @@ impl World {
                     self.workers.remove(&worker);
                 }
                 Action::JobFailed { .. } | Action::Quarantine { .. } => {}
+                Action::Distrust { .. } | Action::Reopened { .. } => panic!("nobody lies here: {action:?}"),
             }
         }
     }
@@ -382,7 +384,13 @@ impl World {
         while let Some((left, right)) = unit.block.children().filter(|_| self.dice.percent(15)) {
             unit.block = if self.dice.percent(50) { left } else { right };
         }
-        self.send(Message::Result(Delivery { worker, lease: held.lease, job: held.job, unit }));
+        self.send(Message::Result(Delivery {
+            worker,
+            lease: held.lease,
+            job: held.job,
+            unit,
+            digest: honest(&unit),
+        }));
     }
 
     /// Puts a message on the network, which may double it.
@@ -481,7 +489,8 @@ impl World {
             self.heartbeat(worker);
             for held in self.workers.get(&worker).map(|known| known.held.clone()).unwrap_or_default() {
                 self.let_go(worker, held.lease);
-                let delivery = Delivery { worker, lease: held.lease, job: held.job, unit: held.unit };
+                let (lease, job, unit, digest) = (held.lease, held.job, held.unit, honest(&held.unit));
+                let delivery = Delivery { worker, lease, job, unit, digest };
                 self.network.push(Message::Result(delivery));
             }
         }
