@@ -45,6 +45,27 @@ fn merged_partials_are_the_picture() {
 }
 
 #[test]
+fn the_level_of_the_blocks_does_not_show() {
+    let place = Place::new();
+    let mut command = render(&place, "whole.exr", &PICTURE);
+    command.args(["--spp", "64", "--tile", "1000"]);
+    let whole = run(command).digest();
+    for samples in [16, 32, 64] {
+        let names: Vec<_> = (0..64 / samples)
+            .map(|block| {
+                let name = format!("{samples}-{block}.exr");
+                let range = format!("{}..{}", block * samples, (block + 1) * samples);
+                let said = part(&place, &name, &["--samples", &range]);
+                assert!(said.status.success(), "{}", said.stderr);
+                name
+            })
+            .collect();
+        let names: Vec<_> = names.iter().map(String::as_str).rev().collect();
+        assert_eq!(merge(&place, &names).digest(), whole, "blocks of {samples} samples");
+    }
+}
+
+#[test]
 fn samples_that_are_no_block_are_refused_with_the_blocks_they_are_made_of() {
     let place = Place::new();
     let said = part(&place, "x.exr", &["--samples", "0..100"]);

@@ -215,8 +215,13 @@ pub fn serving(place: &Place, flags: &[&str]) -> (Running, String) {
 
 /// A worker of one thread.
 pub fn joining(address: &str, name: &str) -> Running {
+    joining_with(address, name, "1")
+}
+
+/// A worker.
+pub fn joining_with(address: &str, name: &str, threads: &str) -> Running {
     let mut command = worker();
-    command.args(["--connect", address, "--threads", "1", "--name", name]);
+    command.args(["--connect", address, "--threads", threads, "--name", name]);
     Running::start(command)
 }
 

@@ -1,9 +1,9 @@
 //! The picture does not depend on the farm.
 
-use crate::harness::{Place, joining, render, run, serving};
+use crate::harness::{Place, joining_with, render, run, serving};
 
 /// Many tiles at the edges, several levels of samples, and a last leaf that is not full.
-const PICTURE: [&str; 6] = ["--resolution", "100x60", "--spp", "84", "--shutter", "0.5"];
+const PICTURE: [&str; 6] = ["--resolution", "100x60", "--spp", "52", "--shutter", "0.5"];
 
 fn alone(place: &Place, flags: &[&str]) -> String {
     let mut command = render(place, "alone.exr", &PICTURE);
@@ -39,16 +39,22 @@ fn the_number_of_workers_does_not_show() {
     let place = Place::new();
     let expected = reference(&place);
     for workers in 1..=3 {
-        let mut flags = PICTURE.to_vec();
-        flags.extend(["--tile", "16"]);
-        let (coordinator, address) = serving(&place, &flags);
-        let workers: Vec<_> =
-            (0..workers).map(|index| joining(&address, &format!("worker-{index}"))).collect();
-        let said = coordinator.wait();
-        assert_eq!(said.digest(), expected, "{} workers", workers.len());
-        for worker in workers {
-            let said = worker.wait();
-            assert!(said.status.success(), "{}", said.stderr);
+        for threads in ["1", "2"] {
+            for tile in ["16", "64", "1000"] {
+                let mut flags = PICTURE.to_vec();
+                flags.extend(["--tile", tile]);
+                let (coordinator, address) = serving(&place, &flags);
+                let workers: Vec<_> = (0..workers)
+                    .map(|index| joining_with(&address, &format!("worker-{index}"), threads))
+                    .collect();
+                let said = coordinator.wait();
+                let count = workers.len();
+                assert_eq!(said.digest(), expected, "{count} workers of {threads} threads, tiles of {tile}");
+                for worker in workers {
+                    let said = worker.wait();
+                    assert!(said.status.success(), "{}", said.stderr);
+                }
+            }
         }
     }
 }
