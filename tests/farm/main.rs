@@ -3,6 +3,7 @@
 mod bad_input;
 mod by_hand;
 mod harness;
+mod impostors;
 mod same_bits;
 mod serving;
 mod strangers;

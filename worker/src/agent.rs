@@ -4,7 +4,7 @@
 //! granted -> waiting --(frame ready, slot free)--> running --> finished --(settled)--> gone
 //!               |                                     |            |
 //!               +-- revoked, link lost: gone          |            +-- link lost: kept, delivered to the next link
-//!               +-- draining: returned                +-- failed: reported; stopped: gone
+//!               +-- draining: returned                +-- failed: reported; stopped: gone, or returned when time is up
 //! ```
 //!
 //! A frame has to be prepared before its units can be rendered. Only a few prepared frames fit into memory: those that
@@ -15,7 +15,8 @@ use farm_job::{JobId, LeaseId};
 use farm_proto::convert::Grant;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// Prepared frames that are kept: the one being rendered, and the next one, so that there is no pause between frames.
+/// Prepared frames that are kept: the one being rendered, and the next one, so that there is no pause between frames. Only one
+/// where memory is short.
 const FRAMES_MAX: usize = 2;
 
 /// One frame of one job, as far as a worker has to prepare it.
@@ -53,6 +54,10 @@ pub enum Event {
     Prepared(FrameKey),
     /// A frame cannot be made ready.
     PrepareFailed(FrameKey, String),
+    /// A frame needs more than this worker has: it is not for the likes of it.
+    TooLarge(FrameKey, String),
+    /// Two frames like those at hand do not fit into memory at once.
+    MemoryShort,
     /// A unit is rendered.
     Rendered(LeaseId),
     /// A unit was stopped.
@@ -61,6 +66,8 @@ pub enum Event {
     Failed(LeaseId, String),
     /// Finish what is running, hand back the rest, and leave.
     Drain,
+    /// Draining has taken long enough: hand back what is running as well, as far as it is.
+    TimeIsUp,
 }
 
 /// What to do now.
@@ -74,6 +81,8 @@ pub enum Action {
     Start(Grant),
     /// Stop rendering a unit.
     Stop(LeaseId),
+    /// Stop rendering a unit; what is finished of it is its result.
+    HandBack(LeaseId),
     /// Send a result.
     Deliver(LeaseId),
     /// Throw a result away.
@@ -82,6 +91,8 @@ pub enum Action {
     Report(LeaseId, String),
     /// Give a unit back.
     Return(LeaseId),
+    /// Say that a job is beyond this worker.
+    Refuse(JobId, String),
     /// Say that no more units are wanted.
     AnnounceDraining,
     /// All is done: leave.
@@ -101,7 +112,11 @@ pub struct Agent {
     session: Option<u64>,
     connected: bool,
     draining: bool,
+    time_is_up: bool,
     left: bool,
+    frames_max: usize,
+    /// Jobs beyond this worker, and why.
+    refused: BTreeMap<JobId, String>,
     waiting: VecDeque<Grant>,
     running: BTreeMap<LeaseId, Grant>,
     finished: BTreeSet<LeaseId>,
@@ -119,7 +134,10 @@ impl Agent {
             session: None,
             connected: false,
             draining: false,
+            time_is_up: false,
             left: false,
+            frames_max: FRAMES_MAX,
+            refused: BTreeMap::new(),
             waiting: VecDeque::new(),
             running: BTreeMap::new(),
             finished: BTreeSet::new(),
@@ -145,9 +163,13 @@ impl Agent {
             }
             Event::Prepared(key) => self.prepared(key),
             Event::PrepareFailed(key, reason) => self.prepare_failed(key, &reason),
+            Event::TooLarge(key, reason) => self.too_large(key, reason),
+            Event::MemoryShort => self.frames_max = 1,
             Event::Rendered(lease) => self.rendered(lease),
             Event::Stopped(lease) => {
-                self.running.remove(&lease);
+                if self.running.remove(&lease).is_some() && self.time_is_up && self.connected {
+                    self.act(Action::Return(lease));
+                }
             }
             Event::Failed(lease, reason) => {
                 if self.running.remove(&lease).is_some() {
@@ -155,6 +177,12 @@ impl Agent {
                 }
             }
             Event::Drain => self.drain(),
+            Event::TimeIsUp => {
+                self.time_is_up = true;
+                for lease in self.running.keys().copied().collect::<Vec<_>>() {
+                    self.act(Action::HandBack(lease));
+                }
+            }
         }
         self.go_on();
     }
@@ -189,6 +217,7 @@ impl Agent {
 
     /// Another coordinator: the same numbers now mean other jobs.
     fn start_afresh(&mut self) {
+        self.refused.clear();
         for lease in std::mem::take(&mut self.finished) {
             self.act(Action::Discard(lease));
         }
@@ -203,9 +232,19 @@ impl Agent {
     fn granted(&mut self, grant: Grant) {
         if self.draining {
             self.act(Action::Return(grant.lease));
+        } else if let Some(reason) = self.refused.get(&grant.job) {
+            self.act(Action::Refuse(grant.job, reason.clone()));
         } else {
             self.waiting.push_back(grant);
         }
+    }
+
+    /// Nothing of the job is given out again to this connection; the leases end with the refusal.
+    fn too_large(&mut self, key: FrameKey, reason: String) {
+        self.frames.retain(|(held, _)| *held != key);
+        self.waiting.retain(|grant| grant.job != key.job);
+        self.act(Action::Refuse(key.job, reason.clone()));
+        self.refused.insert(key.job, reason);
     }
 
     fn revoked(&mut self, lease: LeaseId) {
@@ -297,7 +336,7 @@ impl Agent {
         }
         let held = |key: FrameKey| self.frames.iter().any(|(held, _)| *held == key);
         let Some(key) = self.waiting.iter().map(FrameKey::from).find(|key| !held(*key)) else { return };
-        if self.frames.len() >= FRAMES_MAX && !self.make_room() {
+        if self.frames.len() >= self.frames_max && !self.make_room() {
             return;
         }
         self.frames.push((key, FrameState::Preparing));

@@ -145,3 +145,47 @@ fn a_unit_that_fails_frees_its_slot() {
     let actions = tell(&mut agent, Event::Failed(LeaseId(1), "panicked".to_owned()));
     assert_eq!(actions, [Action::Report(LeaseId(1), "panicked".to_owned()), Action::Start(grant(2, 0))]);
 }
+
+#[test]
+fn a_frame_that_does_not_fit_is_refused_and_its_job_with_it() {
+    let mut agent = Agent::new(1);
+    tell(&mut agent, Event::Welcomed { session: SESSION });
+    tell(&mut agent, Event::Granted(grant(1, 0)));
+    tell(&mut agent, Event::Granted(grant(2, 1)));
+    let refusal = Action::Refuse(JobId(1), "9 GB of 4".to_owned());
+    let refused = tell(&mut agent, Event::TooLarge(key(0), "9 GB of 4".to_owned()));
+    assert_eq!(refused, std::slice::from_ref(&refusal));
+    assert!(agent.leases().is_empty());
+    assert_eq!(tell(&mut agent, Event::Granted(grant(3, 0))), [refusal]);
+    tell(&mut agent, Event::Welcomed { session: SESSION + 1 });
+    assert_eq!(
+        tell(&mut agent, Event::Granted(grant(4, 0))),
+        [Action::Prepare(key(0))],
+        "another job by now"
+    );
+}
+
+#[test]
+fn where_memory_is_short_one_frame_follows_the_other() {
+    let mut agent = ready(1);
+    tell(&mut agent, Event::MemoryShort);
+    tell(&mut agent, Event::Granted(grant(1, 0)));
+    assert_eq!(tell(&mut agent, Event::Granted(grant(2, 1))), [], "the first one is needed");
+    let next = tell(&mut agent, Event::Rendered(LeaseId(1)));
+    assert_eq!(next, [Action::Deliver(LeaseId(1)), Action::Forget(key(0)), Action::Prepare(key(1))]);
+}
+
+#[test]
+fn when_time_is_up_what_is_running_goes_back_as_far_as_it_is() {
+    let mut agent = ready(2);
+    tell(&mut agent, Event::Granted(grant(1, 0)));
+    tell(&mut agent, Event::Granted(grant(2, 0)));
+    assert_eq!(tell(&mut agent, Event::Drain), [Action::AnnounceDraining]);
+    let back = tell(&mut agent, Event::TimeIsUp);
+    assert_eq!(back, [Action::HandBack(LeaseId(1)), Action::HandBack(LeaseId(2))]);
+    // Something of the first one is finished, nothing of the second.
+    assert_eq!(tell(&mut agent, Event::Rendered(LeaseId(1))), [Action::Deliver(LeaseId(1))]);
+    assert_eq!(tell(&mut agent, Event::Stopped(LeaseId(2))), [Action::Return(LeaseId(2))]);
+    let left = tell(&mut agent, Event::Settled(LeaseId(1)));
+    assert_eq!(left, [Action::Discard(LeaseId(1)), Action::Leave]);
+}

@@ -25,6 +25,18 @@ pub enum FetchError {
     /// The answer makes no sense.
     #[error("coordinator sent nonsense: {0}")]
     Convert(#[from] ConvertError),
+    /// More than this worker may hold.
+    #[error(
+        "scene {scene} has {bytes} bytes and takes up to twice that while it is read; this worker may use {allowed}: give it more with --memory"
+    )]
+    TooLarge {
+        /// Which scene.
+        scene: SceneId,
+        /// Its size.
+        bytes: u64,
+        /// What may be used in all.
+        allowed: u64,
+    },
     /// Chunks that do not follow one another, or never end.
     #[error("scene {scene} came in disorder: {fault}")]
     Disorder {
@@ -89,11 +101,11 @@ impl Client {
         }
     }
 
-    /// The bytes of a scene, verified. Goes on where it was interrupted.
-    pub async fn scene(&self, scene: SceneId) -> Result<BytesMut, FetchError> {
+    /// The bytes of a scene, verified, if reading it takes at most `memory` bytes. Goes on where it was interrupted.
+    pub async fn scene(&self, scene: SceneId, memory: u64) -> Result<BytesMut, FetchError> {
         let mut bytes = BytesMut::new();
         let mut attempt = 0;
-        while let Err(fault) = self.scene_from(scene, &mut bytes).await {
+        while let Err(fault) = self.scene_from(scene, memory, &mut bytes).await {
             match fault {
                 FetchError::Status(status) => pause_or_give_up(*status, &mut attempt).await?,
                 fault => return Err(fault),
@@ -106,11 +118,12 @@ impl Client {
     }
 
     /// Appends what is missing.
-    async fn scene_from(&self, scene: SceneId, bytes: &mut BytesMut) -> Result<(), FetchError> {
+    async fn scene_from(&self, scene: SceneId, memory: u64, bytes: &mut BytesMut) -> Result<(), FetchError> {
         let request = v1::GetSceneRequest { scene: Some(scene.into()), offset: bytes.len() as u64 };
         let mut chunks = self.stub().get_scene(request).await?.into_inner();
         let mut total = None;
         while let Some(chunk) = chunks.message().await? {
+            fits(scene, chunk.total, memory)?;
             append(scene, bytes, &chunk)?;
             total = Some(chunk.total);
         }
@@ -121,6 +134,14 @@ impl Client {
             None => Err(FetchError::Disorder { scene, fault: "no chunk came".to_owned() }),
         }
     }
+}
+
+/// Bytes and decoded scene are in memory at the same time while it is read.
+pub(crate) fn fits(scene: SceneId, bytes: u64, allowed: u64) -> Result<(), FetchError> {
+    if bytes.saturating_mul(2) > allowed {
+        return Err(FetchError::TooLarge { scene, bytes, allowed });
+    }
+    Ok(())
 }
 
 fn append(scene: SceneId, bytes: &mut BytesMut, chunk: &SceneChunk) -> Result<(), FetchError> {
@@ -158,6 +179,13 @@ mod tests {
 
     fn chunk(total: u64, offset: u64, len: usize) -> SceneChunk {
         SceneChunk { total, offset, data: vec![7; len].into() }
+    }
+
+    #[test]
+    fn scenes_beyond_the_memory_are_refused_with_the_first_chunk() {
+        assert!(fits(SceneId([0; 32]), 500, 1000).is_ok());
+        let refused = fits(SceneId([0; 32]), 501, 1000).unwrap_err().to_string();
+        assert!(refused.contains("501 bytes") && refused.contains("--memory"), "{refused}");
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! The shell around the agent: waits for messages, threads and clocks, and does what the agent says.
 
 use crate::agent::{Action, Agent, Event, FrameKey};
+use crate::blocking::blocking;
 use crate::frames::{self, FrameError, Prepared};
 use crate::heartbeat::Heartbeats;
 use crate::link::{LinkError, LinkEvent, Target, Up, keep_connected};
-use crate::render_pool::{Assignment, Ended, ReadyFrame, RenderPool};
+use crate::render_pool::{Assignment, Ended, MakePool, Pool, ReadyFrame, Stop};
 use crate::renderer::FINGERPRINT;
 use crate::scene_cache::SceneCache;
 use farm_job::LeaseId;
@@ -12,17 +13,23 @@ use farm_proto::PROTOCOL_VERSION;
 use farm_proto::convert::{FromWorker, Grant, Hello, ToWorker, UnitResult};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::mpsc;
+use tokio::time::Instant;
 use tracing::{debug, info, warn};
 
+/// Of the time to leave, this much is kept to send back what is finished.
+const HAND_BACK_WITHIN: Duration = Duration::from_secs(2);
+
 /// How a worker works.
+#[derive(Clone)]
 pub struct Config {
     /// Names it across connections.
     pub name: String,
     /// Units rendered at once, at least 1.
     pub threads: usize,
+    /// What renders.
+    pub pool: MakePool,
     /// Scenes at hand.
     pub scenes: Arc<SceneCache>,
     /// Where the coordinator is.
@@ -34,8 +41,8 @@ pub struct Config {
 /// What a worker is told from outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Finish what is running, hand back the rest, leave.
-    Drain,
+    /// Finish what is running, hand back the rest, leave; what takes longer than this goes back unfinished.
+    Drain(Duration),
     /// Leave now.
     Leave,
 }
@@ -45,6 +52,8 @@ pub enum Order {
 pub enum Left {
     /// It was told to.
     Drained,
+    /// It was told to, and the time for it was over before everything was acknowledged.
+    Late,
     /// It was told to leave everything behind.
     AtOnce,
     /// The coordinator has no more work, for this reason.
@@ -79,7 +88,7 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
     // At most one message per thread is ever in here.
     let (ended_sender, mut ended) = mpsc::unbounded_channel();
     let pool =
-        RenderPool::start(threads, &ended_sender).map_err(|error| WorkerError::Threads { threads, error })?;
+        (config.pool)(threads, ended_sender).map_err(|error| WorkerError::Threads { threads, error })?;
     let (prepared_sender, mut prepared) = mpsc::channel(2);
     let (link_sender, mut link) = mpsc::channel(64);
     let connection = tokio::spawn(keep_connected(config.target, hello, config.retry_for, link_sender));
@@ -93,9 +102,18 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
         stops: BTreeMap::new(),
         results: BTreeMap::new(),
         prepared: prepared_sender,
+        leaving: None,
     };
     let left = loop {
+        let hand_back = driver.leaving.as_ref().and_then(|leaving| leaving.hand_back);
+        let gone = driver.leaving.as_ref().map(|leaving| leaving.gone);
         let event = tokio::select! {
+            biased;
+            () = at(hand_back) => {
+                driver.leaving.iter_mut().for_each(|leaving| leaving.hand_back = None);
+                Some(Event::TimeIsUp)
+            }
+            () = at(gone) => break Ok(Left::Late),
             Some(event) = link.recv() => match driver.heard(event).await {
                 Ok(event) => event,
                 Err(end) => break end,
@@ -103,7 +121,10 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
             Some(end) = ended.recv() => Some(driver.ended(end)),
             Some(done) = prepared.recv() => driver.prepared(done).await,
             order = orders.recv() => match order {
-                Some(Order::Drain) => Some(Event::Drain),
+                Some(Order::Drain(within)) => {
+                    driver.leaving.get_or_insert_with(|| Leaving::within(within));
+                    Some(Event::Drain)
+                }
                 Some(Order::Leave) | None => break Ok(Left::AtOnce),
             },
         };
@@ -122,6 +143,27 @@ pub async fn run(config: Config, mut orders: mpsc::Receiver<Order>) -> Result<Le
     left
 }
 
+/// Waits for a moment; forever when there is none.
+async fn at(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// When a worker that drains stops waiting for what it renders, and for everything.
+struct Leaving {
+    hand_back: Option<Instant>,
+    gone: Instant,
+}
+
+impl Leaving {
+    fn within(within: Duration) -> Self {
+        let gone = Instant::now() + within;
+        Self { hand_back: Some(gone - HAND_BACK_WITHIN.min(within / 4)), gone }
+    }
+}
+
 /// A frame that was prepared, for the session that wanted it.
 struct PrepareDone {
     session: u64,
@@ -131,14 +173,15 @@ struct PrepareDone {
 
 struct Driver {
     agent: Agent,
-    pool: RenderPool,
+    pool: Box<dyn Pool>,
     scenes: Arc<SceneCache>,
     up: Option<Up>,
     beats: Option<Heartbeats>,
     frames: BTreeMap<FrameKey, Arc<ReadyFrame>>,
-    stops: BTreeMap<LeaseId, Arc<AtomicBool>>,
+    stops: BTreeMap<LeaseId, Arc<Stop>>,
     results: BTreeMap<LeaseId, UnitResult>,
     prepared: mpsc::Sender<PrepareDone>,
+    leaving: Option<Leaving>,
 }
 
 impl Driver {
@@ -201,11 +244,18 @@ impl Driver {
             return None;
         }
         match outcome {
-            Ok(Prepared { frame, fetch, build }) => {
+            Ok(Prepared { frame, memory_short, fetch, build }) => {
                 debug!(job = %key.job, frame = %key.frame, ?fetch, ?build, "frame prepared");
                 self.frames.insert(key, frame);
+                if memory_short {
+                    self.agent.handle(Event::MemoryShort);
+                }
                 self.say(FromWorker::Prepared { job: key.job, frame: key.frame, fetch, build }).await;
                 Some(Event::Prepared(key))
+            }
+            Err(error) if error.is_for_others() => {
+                warn!(job = %key.job, %error, "job refused");
+                Some(Event::TooLarge(key, error.to_string()))
             }
             Err(error) => {
                 warn!(job = %key.job, frame = %key.frame, %error, "frame cannot be prepared");
@@ -222,12 +272,17 @@ impl Driver {
                 Action::Forget(key) => {
                     // Memory of this size is given back elsewhere than between two units.
                     let frame = self.frames.remove(&key);
-                    tokio::task::spawn_blocking(move || drop(frame));
+                    tokio::spawn(blocking(move || drop(frame)));
                 }
                 Action::Start(grant) => self.start(grant),
                 Action::Stop(lease) => {
                     if let Some(stop) = self.stops.get(&lease) {
-                        stop.store(true, Ordering::Relaxed);
+                        stop.drop_it();
+                    }
+                }
+                Action::HandBack(lease) => {
+                    if let Some(stop) = self.stops.get(&lease) {
+                        stop.hand_back();
                     }
                 }
                 Action::Deliver(lease) => {
@@ -239,6 +294,7 @@ impl Driver {
                     self.results.remove(&lease);
                 }
                 Action::Report(lease, reason) => self.say(FromWorker::UnitFailed { lease, reason }).await,
+                Action::Refuse(job, reason) => self.say(FromWorker::JobRefused { job, reason }).await,
                 Action::Return(lease) => self.say(FromWorker::Returned(lease)).await,
                 Action::AnnounceDraining => self.say(FromWorker::Draining).await,
                 Action::Leave => return true,
@@ -266,12 +322,12 @@ impl Driver {
 
     fn start(&mut self, grant: Grant) {
         let frame = self.frames.get(&FrameKey::from(&grant)).expect("units start on prepared frames").clone();
-        let stop = Arc::new(AtomicBool::new(false));
+        let stop = Arc::new(Stop::default());
         self.stops.insert(grant.lease, stop.clone());
         self.pool.push(Assignment { grant, frame, stop });
     }
 
     fn stop_all(&self) {
-        self.stops.values().for_each(|stop| stop.store(true, Ordering::Relaxed));
+        self.stops.values().for_each(|stop| stop.drop_it());
     }
 }

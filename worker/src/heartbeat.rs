@@ -5,9 +5,9 @@ use crate::client::Client;
 use farm_job::{LeaseId, WorkerId};
 use farm_proto::convert::Heartbeat;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::task::JoinHandle;
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Instant, MissedTickBehavior};
 use tracing::debug;
 
 /// Heartbeats of one connection; they end when this is dropped.

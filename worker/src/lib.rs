@@ -2,9 +2,11 @@
 //! that a job brings.
 
 pub mod agent;
+mod blocking;
 pub mod by_hand;
 pub mod cli;
 pub mod client;
+pub mod disk_cache;
 pub mod driver;
 pub mod frames;
 mod heartbeat;
@@ -15,3 +17,7 @@ pub mod render_pool;
 pub mod renderer;
 pub mod scene_cache;
 pub mod settings;
+mod spare;
+mod time_of_day;
+
+pub use blocking::blocking;

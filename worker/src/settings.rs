@@ -1,10 +1,15 @@
 //! The worker's command line.
 
 use crate::by_hand::{RenderArgs, thread_count};
-use crate::cli::{Fault, duration};
+use crate::cli::{Fault, bytes, duration, positive};
+use crate::disk_cache::DiskCache;
 use crate::driver::Config;
 use crate::link::Target;
+use crate::program::Availability;
+use crate::render_pool::RenderPool;
 use crate::scene_cache::SceneCache;
+use crate::time_of_day::time_of_day;
+use chrono::NaiveTime;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,11 +20,13 @@ use std::time::Duration;
     version,
     args_conflicts_with_subcommands = true,
     after_help = "\
-A first SIGINT or SIGTERM finishes the units that are being rendered and leaves; a second one leaves at once.
+A first SIGINT or SIGTERM finishes the units that are being rendered, within --grace, and leaves; a second one leaves at once.
+A coordinator that is gone for a while is no error: the worker waits for it, and delivers then what it has rendered.
 
 Examples:
   worker --connect 127.0.0.1:7878
   worker --connect farm.local:7878 --threads 8 --cache /var/cache/tessera --retry-for 24h
+  worker --connect farm.local:7878 --idle-only --until 07:00 --nice 19 --memory 8G
   worker render scene.glb --samples 0..64 -o a.exr"
 )]
 pub struct Settings {
@@ -48,6 +55,14 @@ struct JoinArgs {
     #[arg(long, env = "FARM_CACHE", value_name = "DIR")]
     cache: Option<PathBuf>,
 
+    /// Bytes of that folder; what was not needed for longest goes first: 500M, 20G
+    #[arg(long, env = "FARM_CACHE_SIZE", value_name = "SIZE", default_value = "20G", value_parser = bytes)]
+    cache_size: u64,
+
+    /// Memory for scenes and what is built from them; what does not fit is refused and left to other workers: 8G
+    #[arg(long, env = "FARM_MEMORY", value_name = "SIZE", value_parser = bytes)]
+    memory: Option<u64>,
+
     /// Name shown in the farm's lists; host and process if not given
     #[arg(long, env = "FARM_NAME", value_name = "NAME")]
     name: Option<String>,
@@ -55,9 +70,45 @@ struct JoinArgs {
     /// How long to look for a coordinator that is not there, or not any more: 90s, 5m, 24h
     #[arg(long, env = "FARM_RETRY_FOR", value_name = "TIME", default_value = "60s", value_parser = duration)]
     retry_for: Duration,
+
+    /// How long to finish what is being rendered when told to leave; what takes longer goes back as far as it is
+    #[arg(long, env = "FARM_GRACE", value_name = "TIME", default_value = "60s", value_parser = duration)]
+    grace: Duration,
+
+    /// Work only while other programs use less than this many processors of the host, and make way when they need more
+    #[arg(long, env = "FARM_MAX_LOAD", value_name = "X", value_parser = positive)]
+    max_load: Option<f64>,
+
+    /// Work only while the host is idle: the same as --max-load 0.5
+    #[arg(long, env = "FARM_IDLE_ONLY", conflicts_with = "max_load")]
+    idle_only: bool,
+
+    /// Be gone at this time of day
+    #[arg(long, env = "FARM_UNTIL", value_name = "HH:MM", value_parser = time_of_day)]
+    until: Option<NaiveTime>,
+
+    /// Let other programs go first, the more the higher
+    #[arg(long, env = "FARM_NICE", value_name = "N", value_parser = clap::value_parser!(i32).range(0..=19))]
+    nice: Option<i32>,
 }
 
+/// What a host that nobody uses does by itself, in processors.
+const IDLE_LOAD: f64 = 0.5;
+
 impl Settings {
+    /// Lowers the priority of this program; threads inherit it, so before there are any.
+    pub(crate) fn be_nice(&self) -> Result<(), Fault> {
+        let Some(nice) = self.join.nice else { return Ok(()) };
+        let lower = rustix::process::nice(nice);
+        lower.map(|_| ()).map_err(|err| Fault::failed(format!("--nice {nice} is not possible: {err}")))
+    }
+
+    /// When the host may be used.
+    pub(crate) fn availability(&self) -> Availability {
+        let idle = self.join.idle_only.then_some(IDLE_LOAD);
+        Availability { grace: self.join.grace, max_load: self.join.max_load.or(idle), until: self.join.until }
+    }
+
     /// How to work for a coordinator.
     pub(crate) fn config(self) -> Result<Config, Fault> {
         let address = self.join.connect.ok_or_else(|| {
@@ -66,7 +117,11 @@ impl Settings {
         Ok(Config {
             name: self.join.name.unwrap_or_else(default_name),
             threads: thread_count(self.join.threads),
-            scenes: Arc::new(SceneCache::new(self.join.cache)),
+            pool: RenderPool::maker(),
+            scenes: Arc::new(SceneCache::new(
+                self.join.cache.map(|folder| DiskCache::new(folder, self.join.cache_size)),
+                self.join.memory,
+            )),
             target: Target::Tcp(address),
             retry_for: self.join.retry_for,
         })
@@ -87,6 +142,22 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Settings::command().debug_assert();
+    }
+
+    #[test]
+    fn a_spare_host_has_conditions() {
+        let of = |flags: &[&str]| {
+            let settings =
+                Settings::parse_from(["worker", "--connect", "h:1"].iter().chain(flags)).availability();
+            (settings.max_load, settings.until.is_some(), settings.grace.as_secs())
+        };
+        assert_eq!(of(&[]), (None, false, 60));
+        assert_eq!(of(&["--idle-only", "--until", "07:00", "--grace", "5s"]), (Some(0.5), true, 5));
+        assert_eq!(of(&["--max-load", "1.5"]), (Some(1.5), false, 60));
+        for wrong in [["--until", "7"], ["--nice", "20"], ["--memory", "much"], ["--max-load", "0"]] {
+            let all = ["worker", "--connect", "h:1"].into_iter().chain(wrong);
+            assert!(Settings::try_parse_from(all).is_err(), "{wrong:?}");
+        }
     }
 
     #[test]

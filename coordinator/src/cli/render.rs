@@ -13,6 +13,7 @@ use farm_worker::by_hand::thread_count;
 use farm_worker::cli::{Fault, Loaded, PictureArgs};
 use farm_worker::driver::{Config, Left, Order, WorkerError};
 use farm_worker::link::Target;
+use farm_worker::render_pool::RenderPool;
 use farm_worker::scene_cache::SceneCache;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -174,11 +175,12 @@ type LocalWorker = JoinHandle<Result<Left, WorkerError>>;
 
 /// The worker in this process: the same as any other, but the scene is at hand.
 fn local_worker(farm: &Farm, loaded: &Loaded, threads: Option<u32>) -> (mpsc::Sender<Order>, LocalWorker) {
-    let scenes = SceneCache::new(None);
+    let scenes = SceneCache::new(None, None);
     scenes.put(loaded.id, loaded.scene.clone());
     let config = Config {
         name: "local".to_owned(),
         threads: thread_count(threads),
+        pool: RenderPool::maker(),
         scenes: Arc::new(scenes),
         target: Target::Memory(serve_memory(farm.clone())),
         retry_for: Duration::from_secs(10),

@@ -8,6 +8,7 @@ mod scene_file;
 
 pub use farm_import::ImportReport;
 pub use fault::Fault;
-pub use parse::{duration, resolution};
+pub(crate) use parse::positive;
+pub use parse::{bytes, duration, resolution};
 pub use picture::{PictureArgs, ShutterPosition};
 pub use resolve::Loaded;

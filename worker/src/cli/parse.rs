@@ -25,6 +25,19 @@ pub fn duration(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "write a time such as 90s, 5m, 2h or 250ms".to_owned())
 }
 
+/// `500M`, `20G`, `1.5T`, or plain bytes; decimal.
+pub fn bytes(text: &str) -> Result<u64, String> {
+    let units = [("k", 1e3), ("M", 1e6), ("G", 1e9), ("T", 1e12), ("", 1.0)];
+    let bytes = units.iter().find_map(|(unit, bytes)| {
+        let number: f64 = text.strip_suffix(unit)?.trim().parse().ok()?;
+        Some(number * bytes)
+    });
+    bytes
+        .filter(|bytes| (1.0..1e18).contains(bytes))
+        .map(|bytes| bytes as u64)
+        .ok_or_else(|| "write a size such as 500M or 20G".to_owned())
+}
+
 /// A number within `range`, finite.
 pub(crate) fn real(range: std::ops::RangeFrom<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.parse::<f64>() {
@@ -73,6 +86,17 @@ mod tests {
         assert_eq!(duration("7"), Ok(Duration::from_secs(7)));
         for wrong in ["", "s", "-1s", "nan", "inf", "5 days"] {
             assert!(duration(wrong).is_err(), "{wrong:?} is no duration");
+        }
+    }
+
+    #[test]
+    fn sizes_read_as_they_are_written() {
+        assert_eq!(
+            ["20G", "1.5M", "7k", "9"].map(|text| bytes(text).unwrap()),
+            [20_000_000_000, 1_500_000, 7_000, 9]
+        );
+        for wrong in ["", "G", "-1G", "0", "nan", "5 apples", "1e30"] {
+            assert!(bytes(wrong).is_err(), "{wrong:?} is no size");
         }
     }
 
