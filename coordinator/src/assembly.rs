@@ -1,7 +1,7 @@
 //! Puts partials together, on a thread of its own: merging large tiles must not hold up heartbeats.
 
-use crate::outputs::{self, FinishedFrame, FrameSummary, OutputPlan};
-use crate::store::{Store, StoredJob};
+use crate::outputs::{self, FinishedFrame, FrameSummary, Outputs};
+use crate::store::{Store, StoreError};
 use bytes::Bytes;
 use farm_film::{Accepted, Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Tile};
 use farm_job::{JobId, JobSpec};
@@ -14,9 +14,6 @@ use tracing::warn;
 
 /// Partials that wait to be merged; beyond this, workers have to wait.
 const TASKS_MAX: usize = 64;
-
-/// Finished frames that wait to be written.
-const FRAMES_MAX: usize = 4;
 
 /// Pause before a frame that could not be written is tried again.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
@@ -40,14 +37,14 @@ pub struct Claimed {
 /// What the assembly is asked.
 pub enum Task {
     /// A job will send partials.
-    Open(JobId, Arc<JobSpec>, OutputPlan),
+    Open(JobId, Arc<JobSpec>, Outputs),
     /// Partials that were safe before a restart.
     Restore(JobId, FrameIndex, Vec<(FilmTile, Counters)>),
-    /// Keep a partial and merge it.
+    /// Merge a partial, which is durable where there is a store.
     Add(Box<Claimed>),
     /// Write a frame, which has all its samples.
     Finish(JobId, FrameIndex),
-    /// Forget tiles of a frame, which are rendered again.
+    /// Forget tiles of a frame, which are rendered again; their partials are gone.
     Reopen(JobId, FrameIndex, Vec<Tile>),
     /// Take a finished frame away, which is rendered again.
     Withdraw(JobId, FrameIndex),
@@ -55,10 +52,17 @@ pub enum Task {
     Estimate(JobId, oneshot::Sender<Option<ErrorEstimate>>),
     /// Forget a job.
     Close(JobId),
-    /// Keep what has become of a job.
-    Record(Box<StoredJob>),
-    /// See whether the store works again.
-    Probe,
+}
+
+/// What is being stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum StorePart {
+    /// Accepted results.
+    Partials,
+    /// Finished frames.
+    Frames,
+    /// What has become of a job.
+    States,
 }
 
 /// What the assembly reports.
@@ -81,15 +85,8 @@ pub enum Report {
         /// Why.
         reason: String,
     },
-    /// A partial cannot be kept at present.
-    NotStored {
-        /// As it was claimed.
-        delivery: Delivery,
-        /// Why.
-        reason: String,
-    },
-    /// Whether the store works.
-    Probed(Result<(), String>),
+    /// Whether a part of the store works; what cannot be stored is held and tried again.
+    Store(StorePart, Result<(), String>),
     /// A frame is written, or cannot be.
     Frame {
         /// Whose.
@@ -104,63 +101,102 @@ pub enum Report {
 /// Starts the threads. Both end when the sender of tasks is dropped. With a store, whatever is reported is durable.
 pub fn start(
     store: Option<Arc<Store>>,
-) -> std::io::Result<(mpsc::Sender<Task>, mpsc::UnboundedReceiver<Report>)> {
+    reports: mpsc::UnboundedSender<Report>,
+) -> std::io::Result<mpsc::Sender<Task>> {
     let (task_sender, tasks) = mpsc::channel(TASKS_MAX);
-    // There is at most one report per claimed partial or finished frame, and reports are small.
-    let (reports, report_receiver) = mpsc::unbounded_channel();
-    let (frame_sender, frames) = mpsc::channel(FRAMES_MAX);
-    let assembly = Assembly {
-        store: store.clone(),
-        jobs: BTreeMap::new(),
-        reports: reports.clone(),
-        frames: frame_sender,
-    };
+    // Frames pile up only while the store fails, and then nothing more is given out.
+    let (frame_sender, frames) = mpsc::unbounded_channel();
+    let assembly = Assembly { jobs: BTreeMap::new(), reports: reports.clone(), frames: frame_sender };
     std::thread::Builder::new().name("assembly".to_owned()).spawn(move || assembly.run(tasks))?;
-    std::thread::Builder::new().name("frame-writer".to_owned()).spawn(move || {
-        write_frames(frames, store.as_deref(), &reports);
-    })?;
-    Ok((task_sender, report_receiver))
+    let writer = FrameWriter { store, runtime: tokio::runtime::Handle::current(), reports };
+    std::thread::Builder::new().name("frame-writer".to_owned()).spawn(move || writer.run(frames))?;
+    Ok(task_sender)
 }
 
 enum FrameTask {
-    Write { job: JobId, spec: Arc<JobSpec>, plan: OutputPlan, finished: Box<FinishedFrame> },
-    Withdraw { job: JobId, plan: OutputPlan, frame: FrameIndex },
+    Write { job: JobId, spec: Arc<JobSpec>, outputs: Outputs, finished: Box<FinishedFrame> },
+    Withdraw { job: JobId, outputs: Outputs, frame: FrameIndex },
 }
 
-fn write_frames(
-    mut frames: mpsc::Receiver<FrameTask>,
-    store: Option<&Store>,
-    reports: &mpsc::UnboundedSender<Report>,
-) {
-    while let Some(task) = frames.blocking_recv() {
-        let (job, spec, plan, finished) = match task {
-            FrameTask::Write { job, spec, plan, finished } => (job, spec, plan, finished),
-            FrameTask::Withdraw { job, plan, frame } => {
-                if let Err(error) = outputs::withdraw(&plan, frame) {
-                    warn!(%job, %frame, %error, "a wrong frame cannot be removed; it will be written over");
+struct FrameWriter {
+    store: Option<Arc<Store>>,
+    runtime: tokio::runtime::Handle,
+    reports: mpsc::UnboundedSender<Report>,
+}
+
+impl FrameWriter {
+    fn run(self, mut frames: mpsc::UnboundedReceiver<FrameTask>) {
+        while let Some(task) = frames.blocking_recv() {
+            let report = match task {
+                FrameTask::Write { job, spec, outputs, finished } => {
+                    Report::Frame { job, outcome: self.write(job, &spec, &outputs, &finished) }
                 }
-                let _ = reports.send(Report::Withdrawn(job, frame));
-                continue;
+                FrameTask::Withdraw { job, outputs, frame } => {
+                    self.withdraw(job, &outputs, frame);
+                    Report::Withdrawn(job, frame)
+                }
+            };
+            // Nobody listens any more: the coordinator ends.
+            let _ = self.reports.send(report);
+        }
+    }
+
+    fn write(
+        &self,
+        job: JobId,
+        spec: &JobSpec,
+        outputs: &Outputs,
+        finished: &FinishedFrame,
+    ) -> Result<FrameSummary, String> {
+        match (outputs, &self.store) {
+            (Outputs::Files(plan), _) => outputs::write(spec, plan, finished).map_err(|err| err.to_string()),
+            (Outputs::Store { scene_name }, Some(store)) => {
+                let (exr, summary) = outputs::encode(job, spec, scene_name, finished);
+                let (frame, exr) = (finished.frame, Bytes::from(exr));
+                // All of it is safe as partials: there is time until the store has room for the frame.
+                self.insist(|| store.put_frame(job, frame, exr.clone()))?;
+                self.runtime.block_on(store.remove_partials(job, frame));
+                Ok(summary)
+            }
+            (Outputs::Store { .. }, None) => unreachable!("frames go to a store where there is one"),
+        }
+    }
+
+    fn withdraw(&self, job: JobId, outputs: &Outputs, frame: FrameIndex) {
+        let outcome = match (outputs, &self.store) {
+            (Outputs::Files(plan), _) => outputs::withdraw(plan, frame).map_err(|err| err.to_string()),
+            (Outputs::Store { .. }, store) => {
+                store.as_ref().map_or(Ok(()), |store| self.insist(|| store.remove_frame(job, frame)))
             }
         };
-        let mut outcome = outputs::write(&spec, &plan, &finished);
-        if let Some(store) = store {
-            // All of it is safe as partials: there is time until the disk has room again.
-            while let Err(error) = &outcome {
-                warn!(%job, frame = %finished.frame, %error, "frame cannot be written; trying again");
-                std::thread::sleep(RETRY_AFTER);
-                outcome = outputs::write(&spec, &plan, &finished);
-            }
-            store.remove_partials(job, finished.frame);
+        if let Err(error) = outcome {
+            warn!(%job, %frame, error, "a wrong frame cannot be removed; it will be written over");
         }
-        // Nobody listens any more: the coordinator ends.
-        let _ = reports.send(Report::Frame { job, outcome: outcome.map_err(|err| err.to_string()) });
+    }
+
+    /// Does something with the store until it is done, or until the store is another coordinator's.
+    fn insist<F: Future<Output = Result<(), StoreError>>>(&self, act: impl Fn() -> F) -> Result<(), String> {
+        let tell = |outcome| drop(self.reports.send(Report::Store(StorePart::Frames, outcome)));
+        let mut failed = false;
+        loop {
+            match self.runtime.block_on(act()) {
+                Ok(()) => break,
+                Err(error @ StoreError::TurnOver(_)) => return Err(error.to_string()),
+                Err(error) => tell(Err(error.to_string())),
+            }
+            failed = true;
+            std::thread::sleep(RETRY_AFTER);
+        }
+        if failed {
+            tell(Ok(()));
+        }
+        Ok(())
     }
 }
 
 struct Job {
     spec: Arc<JobSpec>,
-    plan: OutputPlan,
+    outputs: Outputs,
     frames: BTreeMap<FrameIndex, OpenFrame>,
 }
 
@@ -173,28 +209,27 @@ struct OpenFrame {
 }
 
 struct Assembly {
-    store: Option<Arc<Store>>,
     jobs: BTreeMap<JobId, Job>,
     reports: mpsc::UnboundedSender<Report>,
-    frames: mpsc::Sender<FrameTask>,
+    frames: mpsc::UnboundedSender<FrameTask>,
 }
 
 impl Assembly {
     fn run(mut self, mut tasks: mpsc::Receiver<Task>) {
         while let Some(task) = tasks.blocking_recv() {
             match task {
-                Task::Open(job, spec, plan) => {
+                Task::Open(job, spec, outputs) => {
                     // It is still open when a frame of it is rendered again.
-                    self.jobs.entry(job).or_insert_with(|| Job { spec, plan, frames: BTreeMap::new() });
+                    self.jobs.entry(job).or_insert_with(|| Job { spec, outputs, frames: BTreeMap::new() });
                 }
                 Task::Restore(job, frame, partials) => self.restore(job, frame, partials),
                 Task::Add(claimed) => self.add(*claimed),
                 Task::Finish(job, frame) => self.finish(job, frame),
                 Task::Reopen(job, frame, tiles) => self.reopen(job, frame, &tiles),
                 Task::Withdraw(job, frame) => {
-                    let plan = self.jobs.get(&job).map(|job| job.plan.clone());
-                    if let Some(plan) = plan {
-                        let _ = self.frames.blocking_send(FrameTask::Withdraw { job, plan, frame });
+                    let outputs = self.jobs.get(&job).map(|job| job.outputs.clone());
+                    if let Some(outputs) = outputs {
+                        let _ = self.frames.send(FrameTask::Withdraw { job, outputs, frame });
                     }
                 }
                 Task::Estimate(job, reply) => {
@@ -205,28 +240,12 @@ impl Assembly {
                 Task::Close(job) => {
                     self.jobs.remove(&job);
                 }
-                Task::Record(job) => {
-                    let Some(Err(error)) = self.store.as_ref().map(|store| store.put_job(&job)) else {
-                        continue;
-                    };
-                    warn!(job = %job.job, %error, "job cannot be recorded");
-                }
-                Task::Probe => {
-                    let works = self.store.as_ref().map_or(Ok(()), |store| store.probe());
-                    let _ = self.reports.send(Report::Probed(works.map_err(|err| err.to_string())));
-                }
             }
         }
     }
 
     fn add(&mut self, claimed: Claimed) {
-        let Claimed { delivery, tile, partial_exr, counters, render, arrived } = claimed;
-        if let Some(store) = &self.store
-            && let Err(error) = store.put_partial(delivery.job, &delivery.unit, &partial_exr)
-        {
-            let _ = self.reports.send(Report::NotStored { delivery, reason: error.to_string() });
-            return;
-        }
+        let Claimed { delivery, tile, counters, render, arrived, .. } = claimed;
         let report = match self.merge(&delivery, tile, counters, arrived.checked_sub(render), arrived) {
             Ok(()) => Report::Added { delivery, render, counters, arrived },
             Err(reason) => Report::Refused { delivery, reason },
@@ -275,12 +294,6 @@ impl Assembly {
                 open.counters.remove(tile);
             }
         }
-        // What is left behind is written over or, after a restart, merged again; so it must go.
-        while let Some(Err(error)) = self.store.as_ref().map(|store| store.remove_tiles(job_id, frame, tiles))
-        {
-            warn!(job = %job_id, %frame, %error, "wrong partials cannot be removed; trying again");
-            std::thread::sleep(RETRY_AFTER);
-        }
     }
 
     fn finish(&mut self, job_id: JobId, frame: FrameIndex) {
@@ -289,8 +302,8 @@ impl Assembly {
         let render = open.span.map_or(Duration::ZERO, |(first, last)| last - first);
         let counters = open.counters.into_values().fold(Counters::default(), Counters::plus);
         let finished = Box::new(FinishedFrame { frame, film: open.film, counters, render });
-        let (spec, plan) = (job.spec.clone(), job.plan.clone());
-        let _ = self.frames.blocking_send(FrameTask::Write { job: job_id, spec, plan, finished });
+        let (spec, outputs) = (job.spec.clone(), job.outputs.clone());
+        let _ = self.frames.send(FrameTask::Write { job: job_id, spec, outputs, finished });
     }
 }
 

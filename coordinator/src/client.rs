@@ -1,13 +1,15 @@
 //! Calls to a coordinator that serves, from the command line.
 
+use crate::pieces;
 use bytes::Bytes;
 use farm_film::FrameIndex;
-use farm_job::{JobId, JobSpec, WorkerId};
+use farm_job::{Digest, JobId, JobSpec, WorkerId};
 use farm_proto::MESSAGE_BYTES_MAX;
-use farm_proto::convert::{ConvertError, JobView, WorkerView};
+use farm_proto::convert::{ConvertError, JobView, WatchView, WorkerView};
 use farm_proto::v1::{self, control_client::ControlClient};
 use farm_scene::SceneId;
 use farm_worker::cli::Fault;
+use std::collections::{BTreeMap, BTreeSet};
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 
@@ -45,21 +47,28 @@ impl Client {
         Ok(Self { control })
     }
 
-    /// Brings a scene, unless it is there already.
-    pub async fn bring(&mut self, scene: SceneId, snapshot: Vec<u8>) -> Result<(), Fault> {
+    /// Brings what the coordinator lacks of a scene; how many bytes that was.
+    pub async fn bring(&mut self, scene: SceneId, snapshot: Vec<u8>) -> Result<u64, Fault> {
         let request = v1::MissingScenesRequest { scenes: vec![scene.into()] };
         let missing = self.control.missing_scenes(request).await.map_err(fault)?.into_inner().scenes;
         if missing.is_empty() {
-            return Ok(());
+            return Ok(0);
         }
-        let first = v1::PutSceneRequest { scene: Some(scene.into()), data: Bytes::new() };
-        let chunks = crate::registry::chunks(snapshot.into(), 0);
-        let rest = chunks.map(|(_, data)| v1::PutSceneRequest { scene: None, data });
-        self.control
-            .put_scene(tokio_stream::iter(std::iter::once(first).chain(rest)))
-            .await
-            .map_err(fault)?;
-        Ok(())
+        let pieces = pieces::cut(&snapshot.into());
+        let names: Vec<v1::Digest> = pieces.iter().map(|(digest, _)| (*digest).into()).collect();
+        let request = v1::MissingPiecesRequest { pieces: names.clone() };
+        let missing = self.control.missing_pieces(request).await.map_err(fault)?.into_inner().pieces;
+        let missing: BTreeSet<Digest> =
+            missing.into_iter().map(Digest::try_from).collect::<Result<_, _>>().map_err(nonsense)?;
+        // A scene may have the same piece twice.
+        let new: BTreeMap<Digest, Bytes> =
+            pieces.into_iter().filter(|(digest, _)| missing.contains(digest)).collect();
+        let sent = new.values().map(|piece| piece.len() as u64).sum();
+        let messages = new.into_values().map(|data| v1::PutPieceRequest { data });
+        self.control.put_pieces(tokio_stream::iter(messages)).await.map_err(fault)?;
+        let request = v1::PutSceneRequest { scene: Some(scene.into()), pieces: names };
+        self.control.put_scene(request).await.map_err(fault)?;
+        Ok(sent)
     }
 
     /// Submits a job whose scene is there.
@@ -76,16 +85,16 @@ impl Client {
     }
 
     /// Shows every change of a job until its end; gives the last.
-    pub async fn watch(&mut self, job: JobId, mut show: impl FnMut(&JobView)) -> Result<JobView, Fault> {
+    pub async fn watch(&mut self, job: JobId, mut show: impl FnMut(&WatchView)) -> Result<WatchView, Fault> {
         let request = v1::WatchRequest { job: job.0 };
-        let mut views = self.control.watch(request).await.map_err(fault)?.into_inner();
+        let mut updates = self.control.watch(request).await.map_err(fault)?.into_inner();
         let mut last = None;
-        while let Some(view) = views.message().await.map_err(fault)? {
-            let view = JobView::try_from(view).map_err(nonsense)?;
+        while let Some(update) = updates.message().await.map_err(fault)? {
+            let view = WatchView::try_from(update).map_err(nonsense)?;
             show(&view);
             last = Some(view);
         }
-        last.filter(|view| view.state.is_final())
+        last.filter(|view| view.job.state.is_final())
             .ok_or_else(|| Fault::failed("the coordinator went away; the job goes on when it is back"))
     }
 

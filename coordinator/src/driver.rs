@@ -1,11 +1,13 @@
 //! The shell around the scheduler: one task that owns it, tells it what happens and does what it says.
 
-use crate::assembly::{self, Claimed, Report, Task};
+use crate::assembly::{self, Claimed, Report, StorePart, Task};
 use crate::check::Defect;
+use crate::chronicle::Chronicle;
 use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission};
-use crate::outputs::OutputPlan;
+use crate::keeper::Keeper;
+use crate::outputs::Outputs;
 use crate::registry::Registry;
-use crate::store::{Store, StoredJob};
+use crate::store::{Store, StoreError, StoredJob};
 use crate::tally::Tally;
 use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
@@ -20,18 +22,22 @@ use tracing::{debug, error, info, warn};
 /// Things told to the driver that wait for it; beyond this, those who tell have to wait.
 const INPUTS_MAX: usize = 1024;
 
-/// Pause before a store that failed is tried again.
-const PROBE_AFTER: Duration = Duration::from_secs(2);
+/// Pause before what has become of a job is put again into a store that failed.
+const RETRY_AFTER: Duration = Duration::from_secs(2);
 
 /// Starts the farm. It ends when the last handle is dropped. With a store, nothing is acknowledged that is not durable.
 /// `verify`: part of the units that two workers render, to compare.
 pub fn start(store: Option<Arc<Store>>, verify: f64) -> std::io::Result<Farm> {
     let session = store.as_ref().map_or_else(|| fastrand::u64(..), |store| store.session());
-    let (assembly, reports) = assembly::start(store.clone())?;
+    // There are few reports per claimed partial or finished frame, and reports are small.
+    let (report_sender, reports) = mpsc::unbounded_channel();
+    let assembly = assembly::start(store.clone(), report_sender.clone())?;
+    let keeper = store.clone().map(|store| Keeper::start(store, assembly.clone(), report_sender.clone()));
     let (inputs, receiver) = mpsc::channel(INPUTS_MAX);
     // A restarted coordinator gives out other leases than before, so that late results find no wrong one.
     let first_lease = LeaseId(u64::from(fastrand::u32(..)) << 24 | 1);
     let config = Config { first_lease, verify, verify_seed: fastrand::u64(..), ..Config::default() };
+    let chronicle = Arc::new(Chronicle::default());
     let driver = Driver {
         scheduler: Scheduler::new(config),
         started: Instant::now(),
@@ -39,11 +45,14 @@ pub fn start(store: Option<Arc<Store>>, verify: f64) -> std::io::Result<Farm> {
         next_worker: 1,
         jobs: BTreeMap::new(),
         assembly: assembly.clone(),
-        trouble: None,
-        prober: inputs.downgrade(),
+        keeper,
+        store: store.clone(),
+        reports: report_sender,
+        chronicle: chronicle.clone(),
+        trouble: BTreeMap::new(),
     };
     tokio::spawn(driver.run(receiver, reports));
-    Ok(Farm { inputs, assembly, session, store, registry: Arc::new(Registry::default()) })
+    Ok(Farm { inputs, assembly, session, store, registry: Arc::new(Registry::default()), chronicle })
 }
 
 struct Worker {
@@ -54,7 +63,7 @@ struct Worker {
 struct Job {
     spec: JobSpec,
     tally: Tally,
-    plan: OutputPlan,
+    outputs: Outputs,
     written: BTreeSet<FrameIndex>,
     listener: Option<mpsc::UnboundedSender<JobEvent>>,
     /// Its owner paused it, rather than the store.
@@ -68,9 +77,13 @@ struct Driver {
     next_worker: u64,
     jobs: BTreeMap<JobId, Job>,
     assembly: mpsc::Sender<Task>,
-    /// Why nothing can be stored at present.
-    trouble: Option<String>,
-    prober: mpsc::WeakSender<Input>,
+    /// Where there is a store.
+    keeper: Option<Keeper>,
+    store: Option<Arc<Store>>,
+    reports: mpsc::UnboundedSender<Report>,
+    chronicle: Arc<Chronicle>,
+    /// What cannot be stored at present, and why.
+    trouble: BTreeMap<StorePart, String>,
 }
 
 impl Driver {
@@ -116,6 +129,7 @@ impl Driver {
             Input::Left { worker } => {
                 if let Some(left) = self.workers.remove(&worker) {
                     info!(%worker, name = %left.name, "worker left");
+                    self.chronicle.note(None, format!("worker {} left", left.name));
                     self.handle(Event::WorkerLeft { worker });
                 }
             }
@@ -126,9 +140,6 @@ impl Driver {
             Input::Drain { worker, reply } => {
                 let _ = reply.send(self.workers.contains_key(&worker));
                 self.handle(Event::WorkerDraining { worker });
-            }
-            Input::Probe => {
-                let _ = self.assembly.send(Task::Probe).await;
             }
             Input::Status { reply } => {
                 let _ = reply.send(self.overview());
@@ -147,6 +158,7 @@ impl Driver {
         let worker = WorkerId(self.next_worker);
         self.next_worker += 1;
         info!(%worker, name = %hello.name, slots = hello.slots, "worker joined");
+        self.chronicle.note(None, format!("worker {} joined with {} slots", hello.name, hello.slots));
         self.workers.insert(worker, Worker { name: hello.name.clone(), outgoing });
         // Whoever connected may be gone again; then its stream says so next.
         let _ = reply.send(worker);
@@ -157,15 +169,19 @@ impl Driver {
         match message {
             FromWorker::UnitFailed { lease, reason } => {
                 warn!(%worker, %lease, %reason, "unit failed");
+                self.chronicle.note(None, format!("a unit failed on {}: {reason}", self.name(worker)));
                 self.handle(Event::UnitFailed { worker, lease, reason });
             }
             FromWorker::Returned(lease) => self.handle(Event::UnitReturned { worker, lease }),
             FromWorker::JobRefused { job, reason } => {
                 warn!(%worker, %job, %reason, "job refused");
+                self.chronicle
+                    .note(Some(job), format!("worker {} refuses the job: {reason}", self.name(worker)));
                 self.handle(Event::JobRefused { worker, job, reason });
             }
             FromWorker::Draining => {
                 info!(%worker, "worker drains");
+                self.chronicle.note(None, format!("worker {} takes no more units", self.name(worker)));
                 self.handle(Event::WorkerDraining { worker });
             }
             FromWorker::Prepared { job, build, .. } => {
@@ -189,6 +205,8 @@ impl Driver {
             }
             Some(Err(defect)) => {
                 warn!(%worker, %lease, %unit, error = %defect, "result rejected");
+                self.chronicle
+                    .note(Some(job), format!("a result of {} was rejected: {defect}", self.name(worker)));
                 self.reject(&delivery, &defect.to_string());
                 self.handle(Event::ResultRejected { delivery, reason: defect.to_string() });
             }
@@ -202,8 +220,7 @@ impl Driver {
                         render: result.render,
                         arrived: at,
                     };
-                    // The assembly outlives the driver, and never waits for it.
-                    let _ = self.assembly.send(Task::Add(Box::new(claimed))).await;
+                    self.take(Box::new(claimed)).await;
                 }
                 Verdict::Compared => self.reject(&delivery, "it was compared with what is there already"),
                 Verdict::Distrusted => self.reject(&delivery, "results of this worker were wrong"),
@@ -218,23 +235,38 @@ impl Driver {
         }
     }
 
+    /// Passes a result on to where it is kept and merged. The assembly outlives the driver, and never waits for it.
+    async fn take(&mut self, claimed: Box<Claimed>) {
+        let Some(keeper) = &self.keeper else {
+            let _ = self.assembly.send(Task::Add(claimed)).await;
+            return;
+        };
+        if let Err(claimed) = keeper.keep(claimed) {
+            self.reject(
+                &claimed.delivery,
+                "it cannot be stored at present, and too much waits for the store",
+            );
+            self.handle(Event::StoreFailed { delivery: claimed.delivery });
+        }
+    }
+
     fn reject(&mut self, delivery: &Delivery, reason: &str) {
         self.say(delivery.worker, ToWorker::Reject { lease: delivery.lease, reason: reason.to_owned() });
     }
 
     async fn submit(&mut self, submission: Submission) {
-        let Submission { job, spec, plan, listener, finished, durable } = submission;
+        let Submission { job, spec, outputs, listener, finished, durable } = submission;
         let known = Job {
             spec: spec.clone(),
             tally: Tally::default(),
-            plan: plan.clone(),
+            outputs: outputs.clone(),
             written: finished.iter().copied().collect(),
             listener,
             paused: false,
         };
         self.jobs.insert(job, known);
         let spec = Arc::new(spec);
-        let _ = self.assembly.send(Task::Open(job, spec.clone(), plan)).await;
+        let _ = self.assembly.send(Task::Open(job, spec.clone(), outputs)).await;
         let mut units = Vec::new();
         for (frame, partials) in durable {
             units.extend(partials.iter().map(|(tile, _)| WorkUnit {
@@ -246,9 +278,14 @@ impl Driver {
         }
         let spec = Box::new((*spec).clone());
         self.handle(Event::JobSubmitted { job, spec, finished, durable: units });
-        if self.trouble.is_some() {
+        if !self.trouble.is_empty() {
             self.handle(Event::JobPaused { job });
         }
+    }
+
+    /// For people: what a worker calls itself.
+    fn name(&self, worker: WorkerId) -> &str {
+        self.workers.get(&worker).map_or("someone who left", |known| &known.name)
     }
 
     /// Does what a job's owner wants; whether there is such a job.
@@ -260,10 +297,11 @@ impl Driver {
             JobOrder::Priority(priority) => job.spec.priority = priority,
             JobOrder::Cancel => {}
         }
+        self.chronicle.note(Some(id), order.to_string());
         let event = match order {
             JobOrder::Pause => Event::JobPaused { job: id },
             // The store resumes it once it works.
-            JobOrder::Resume if self.trouble.is_some() => return true,
+            JobOrder::Resume if !self.trouble.is_empty() => return true,
             JobOrder::Resume => Event::JobResumed { job: id },
             JobOrder::Priority(priority) => Event::PriorityChanged { job: id, priority },
             JobOrder::Cancel => Event::JobCancelled { job: id },
@@ -280,25 +318,27 @@ impl Driver {
             status: Some(self.scheduler.status(self.now())),
             tallies: self.jobs.iter().map(|(id, job)| (*id, job.tally.clone())).collect(),
             written: self.jobs.iter().map(|(id, job)| (*id, job.written.len() as u64)).collect(),
-            trouble: self.trouble.clone(),
+            trouble: self.trouble.values().next().cloned(),
         }
     }
 
     /// Pauses everything until the store works again.
-    fn store_failed(&mut self, reason: String) {
-        if self.trouble.is_none() {
+    fn store_failed(&mut self, part: StorePart, reason: String) {
+        if self.trouble.is_empty() {
             error!(%reason, "the store fails: all jobs are paused until it works again");
+            self.chronicle
+                .note(None, format!("the store fails, all jobs are paused until it works again: {reason}"));
             for job in self.jobs.keys().copied().collect::<Vec<_>>() {
                 self.handle(Event::JobPaused { job });
             }
         }
-        self.trouble = Some(reason);
-        self.probe_later();
+        self.trouble.insert(part, reason);
     }
 
-    fn store_works(&mut self) {
-        if self.trouble.take().is_some() {
+    fn store_works(&mut self, part: StorePart) {
+        if self.trouble.remove(&part).is_some() && self.trouble.is_empty() {
             warn!("the store works again: going on");
+            self.chronicle.note(None, "the store works again, going on");
             let waiting = self.jobs.iter().filter(|(_, job)| !job.paused).map(|(id, _)| *id);
             for job in waiting.collect::<Vec<_>>() {
                 self.handle(Event::JobResumed { job });
@@ -306,13 +346,19 @@ impl Driver {
         }
     }
 
-    fn probe_later(&self) {
-        let prober = self.prober.clone();
+    /// Keeps that a job has failed.
+    fn record(&self, record: StoredJob) {
+        let Some(store) = self.store.clone() else { return };
+        let reports = self.reports.clone();
         tokio::spawn(async move {
-            tokio::time::sleep(PROBE_AFTER).await;
-            if let Some(inputs) = prober.upgrade() {
-                let _ = inputs.send(Input::Probe).await;
+            while let Err(error) = store.put_state(&record).await {
+                if matches!(error, StoreError::TurnOver(_)) {
+                    return;
+                }
+                let _ = reports.send(Report::Store(StorePart::States, Err(error.to_string())));
+                tokio::time::sleep(RETRY_AFTER).await;
             }
+            let _ = reports.send(Report::Store(StorePart::States, Ok(())));
         });
     }
 
@@ -331,22 +377,18 @@ impl Driver {
                 self.reject(&delivery, &reason);
                 self.handle(Event::ResultRejected { delivery, reason });
             }
-            Report::NotStored { delivery, reason } => {
-                self.reject(&delivery, "it cannot be stored at present");
-                self.handle(Event::StoreFailed { delivery });
-                self.store_failed(reason);
-            }
-            Report::Probed(Ok(())) => self.store_works(),
-            Report::Probed(Err(_)) => self.probe_later(),
-            Report::Frame { job, outcome } => {
-                if let (Ok(summary), Some(job)) = (&outcome, self.jobs.get_mut(&job)) {
+            Report::Store(part, Ok(())) => self.store_works(part),
+            Report::Store(part, Err(reason)) => self.store_failed(part, reason),
+            Report::Frame { job: id, outcome } => {
+                if let (Ok(summary), Some(job)) = (&outcome, self.jobs.get_mut(&id)) {
                     job.written.insert(FrameIndex(summary.frame));
+                    self.chronicle.note(Some(id), format!("frame {} is written", summary.frame));
                 }
                 let event = match outcome {
                     Ok(summary) => JobEvent::Frame(summary),
                     Err(reason) => JobEvent::Failed(reason),
                 };
-                self.tell_listener(job, event);
+                self.tell_listener(id, event);
             }
             Report::Withdrawn(job, frame) => {
                 if let Some(job) = self.jobs.get_mut(&job) {
@@ -375,18 +417,22 @@ impl Driver {
                 let _ = self.assembly.send(Task::Close(job)).await;
                 if let Some(known) = self.jobs.get(&job) {
                     let (spec, state) = (known.spec.clone(), JobState::Failed);
-                    let record = StoredJob { job, spec, state, reason: Some(fault.to_string()) };
-                    let _ = self.assembly.send(Task::Record(Box::new(record))).await;
+                    self.record(StoredJob { job, spec, state, reason: Some(fault.to_string()) });
                 }
                 self.tell_listener(job, JobEvent::Failed(fault.to_string()));
             }
             Action::Quarantine { worker, until, reason } => {
                 let seconds = until.since(self.now()).as_secs();
                 warn!(%worker, %reason, seconds, "worker in quarantine");
+                let name = self.name(worker);
+                self.chronicle
+                    .note(None, format!("worker {name} is in quarantine for {seconds} s: {reason}"));
             }
             Action::Distrust { worker, reason } => {
                 let name = self.workers.get(&worker).map(|known| known.name.as_str()).unwrap_or_default();
                 error!(%worker, name, %reason, "worker delivers wrong results; it gets nothing any more");
+                self.chronicle
+                    .note(None, format!("worker {name} delivers wrong results and gets nothing any more"));
             }
             Action::Reopened { job, frame, tiles, finished } => {
                 warn!(%job, %frame, tiles = tiles.len(), "a worker that delivers wrong results had a hand in this; rendering it again");
@@ -398,6 +444,11 @@ impl Driver {
                 }
                 if let Some(left) = self.workers.remove(&worker) {
                     info!(%worker, name = %left.name, ?why, "worker disconnected");
+                    let why = match why {
+                        WhyDisconnect::Silent => "is silent; what it held is given to others",
+                        WhyDisconnect::Drained => "was sent home",
+                    };
+                    self.chronicle.note(None, format!("worker {} {why}", left.name));
                 }
             }
         }
@@ -407,9 +458,11 @@ impl Driver {
         let Some(job) = self.jobs.get(&id) else { return };
         if finished {
             // Its job may have been closed.
-            let open = Task::Open(id, Arc::new(job.spec.clone()), job.plan.clone());
+            let open = Task::Open(id, Arc::new(job.spec.clone()), job.outputs.clone());
             let _ = self.assembly.send(open).await;
             let _ = self.assembly.send(Task::Withdraw(id, frame)).await;
+        } else if let Some(keeper) = &self.keeper {
+            keeper.reopen(id, frame, tiles);
         } else {
             let _ = self.assembly.send(Task::Reopen(id, frame, tiles)).await;
         }

@@ -2,7 +2,8 @@
 
 use crate::assembly::Task;
 use crate::check::{Checked, Defect};
-use crate::outputs::{FrameSummary, OutputPlan};
+use crate::chronicle::Chronicle;
+use crate::outputs::{FrameSummary, Outputs};
 use crate::registry::Registry;
 use crate::store::Store;
 use crate::tally::Tally;
@@ -35,8 +36,6 @@ pub(crate) enum Input {
     Order { job: JobId, order: JobOrder, reply: oneshot::Sender<bool> },
     /// Let a worker finish what it holds and leave; whether it is known.
     Drain { worker: WorkerId, reply: oneshot::Sender<bool> },
-    /// The store may work again.
-    Probe,
     /// How things are.
     Status { reply: oneshot::Sender<Overview> },
     /// Send everybody home.
@@ -59,7 +58,7 @@ pub struct Submission {
     /// What is asked.
     pub spec: JobSpec,
     /// Where its frames go.
-    pub plan: OutputPlan,
+    pub outputs: Outputs,
     /// Who hears of its events, if anyone.
     pub listener: Option<mpsc::UnboundedSender<JobEvent>>,
     /// Frames that are written already.
@@ -79,6 +78,17 @@ pub enum JobOrder {
     Cancel,
     /// Let it go before jobs of lower priority.
     Priority(i32),
+}
+
+impl std::fmt::Display for JobOrder {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Pause => f.write_str("paused by its owner"),
+            Self::Resume => f.write_str("resumed"),
+            Self::Cancel => f.write_str("cancelled"),
+            Self::Priority(priority) => write!(f, "its priority is {priority} now"),
+        }
+    }
 }
 
 /// What happens to a job.
@@ -137,6 +147,8 @@ pub struct Farm {
     pub(crate) store: Option<Arc<Store>>,
     /// What workers may ask for.
     pub registry: Arc<Registry>,
+    /// What has happened.
+    pub chronicle: Arc<Chronicle>,
 }
 
 impl Farm {
@@ -144,10 +156,12 @@ impl Farm {
         self.inputs.send(input).await.map_err(|_| Ending)
     }
 
-    /// A scene's snapshot, from memory or from the store; takes its time.
-    pub fn scene(&self, scene: SceneId) -> Option<Bytes> {
-        let stored = || self.store.as_ref()?.scene(scene).map(Bytes::from);
-        self.registry.scene(scene).or_else(stored)
+    /// A scene's snapshot, from memory or from the store.
+    pub async fn scene(&self, scene: SceneId) -> Option<Bytes> {
+        match (self.registry.scene(scene), &self.store) {
+            (None, Some(store)) => store.scene(scene).await,
+            (known, _) => known,
+        }
     }
 
     /// Starts a job, or goes on with it.

@@ -2,11 +2,14 @@
 
 mod assembly;
 mod check;
+mod chronicle;
 pub mod cli;
 mod client;
 mod driver;
 mod farm;
+mod keeper;
 mod outputs;
+mod pieces;
 mod progress;
 mod registry;
 mod report;

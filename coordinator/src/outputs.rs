@@ -1,11 +1,12 @@
 //! Where finished frames go, and how they get there: whole or not at all.
 
-use farm_film::{Counters, ErrorEstimate, Film, FrameIndex};
+use crate::store::frame_path;
+use farm_film::{Counters, ErrorEstimate, Film, FrameIndex, Resolution, Rgb};
 use farm_image::{
-    Exposure, Frame, FrameMetadata, ImageError, PartialHeader, SampleFormat, pixels_digest, write_frame,
-    write_preview,
+    Exposure, Frame, FrameMetadata, ImageError, PartialHeader, SampleFormat, encode_frame, pixels_digest,
+    write_frame, write_preview,
 };
-use farm_job::JobSpec;
+use farm_job::{JobId, JobSpec};
 use farm_worker::frames::partial_header;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -92,6 +93,18 @@ pub struct OutputPlan {
     pub scene_name: String,
 }
 
+/// Where a job's finished frames go.
+#[derive(Clone, Debug)]
+pub enum Outputs {
+    /// To files.
+    Files(OutputPlan),
+    /// To the farm's store, from which they can be fetched.
+    Store {
+        /// Name of the scene, for people.
+        scene_name: String,
+    },
+}
+
 /// A frame with all its samples, on its way to its file.
 pub struct FinishedFrame {
     /// Which one.
@@ -152,40 +165,73 @@ pub fn write_resolved(
     plan: &OutputPlan,
     finished: &FinishedFrame,
 ) -> Result<FrameSummary, ImageError> {
-    let (film, frame) = (&finished.film, finished.frame);
-    let (resolution, pixels) = (film.resolution(), film.pixels());
-    let error = film.error_estimate();
-    let metadata = FrameMetadata {
-        scene_name: plan.scene_name.clone(),
-        scene: header.scene,
-        settings: header.settings,
-        frame,
-        spp: film.spp(),
-        seed: header.seed,
-        renderer: header.renderer.clone(),
-        counters: finished.counters,
-        error,
-        seconds: finished.render.as_secs_f64(),
-        extra: serde_json::Map::new(),
-    };
-    let path = plan.names.path(frame);
-    let picture = Frame { resolution, pixels: &pixels, passes: &[] };
-    let clamped = write_frame(&path, &picture, &metadata, SampleFormat::Float)?;
+    let resolved = Resolved::new(header, &plan.scene_name, finished);
+    let path = plan.names.path(finished.frame);
+    let clamped = write_frame(&path, &resolved.picture(), &resolved.metadata, SampleFormat::Float)?;
     let mut outputs = vec![path];
     if plan.preview {
         let path = outputs[0].with_extension("png");
-        write_preview(&path, resolution, &pixels, Exposure::Auto)?;
+        write_preview(&path, resolved.resolution, &resolved.pixels, Exposure::Auto)?;
         outputs.push(path);
     }
-    Ok(FrameSummary {
-        frame: frame.0,
-        outputs,
-        digest: blake3::Hash::from_bytes(pixels_digest(resolution, &pixels)).to_string(),
-        error,
-        clamped,
-        render_s: finished.render.as_secs_f64(),
-        counters: finished.counters,
-    })
+    Ok(resolved.summary(outputs, clamped))
+}
+
+/// Resolves a frame of a job and gives its file, for the store.
+pub fn encode(
+    job: JobId,
+    spec: &JobSpec,
+    scene_name: &str,
+    finished: &FinishedFrame,
+) -> (Vec<u8>, FrameSummary) {
+    let header = partial_header(finished.film.resolution(), spec.scene, &spec.settings, finished.frame);
+    let resolved = Resolved::new(&header, scene_name, finished);
+    let (exr, clamped) = encode_frame(&resolved.picture(), &resolved.metadata, SampleFormat::Float);
+    let output = PathBuf::from(frame_path(job, finished.frame).to_string());
+    (exr, resolved.summary(vec![output], clamped))
+}
+
+/// A frame's pixels, and what is said of them.
+struct Resolved {
+    resolution: Resolution,
+    pixels: Vec<Rgb>,
+    metadata: FrameMetadata,
+}
+
+impl Resolved {
+    fn new(header: &PartialHeader, scene_name: &str, finished: &FinishedFrame) -> Self {
+        let film = &finished.film;
+        let metadata = FrameMetadata {
+            scene_name: scene_name.to_owned(),
+            scene: header.scene,
+            settings: header.settings,
+            frame: finished.frame,
+            spp: film.spp(),
+            seed: header.seed,
+            renderer: header.renderer.clone(),
+            counters: finished.counters,
+            error: film.error_estimate(),
+            seconds: finished.render.as_secs_f64(),
+            extra: serde_json::Map::new(),
+        };
+        Self { resolution: film.resolution(), pixels: film.pixels(), metadata }
+    }
+
+    fn picture(&self) -> Frame<'_> {
+        Frame { resolution: self.resolution, pixels: &self.pixels, passes: &[] }
+    }
+
+    fn summary(self, outputs: Vec<PathBuf>, clamped: u64) -> FrameSummary {
+        FrameSummary {
+            frame: self.metadata.frame.0,
+            outputs,
+            digest: blake3::Hash::from_bytes(pixels_digest(self.resolution, &self.pixels)).to_string(),
+            error: self.metadata.error,
+            clamped,
+            render_s: self.metadata.seconds,
+            counters: self.metadata.counters,
+        }
+    }
 }
 
 #[cfg(test)]

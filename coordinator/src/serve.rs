@@ -2,29 +2,57 @@
 
 use crate::check::check_header;
 use crate::driver;
-use crate::farm::{Farm, JobOrder, Submission};
-use crate::service::{ControlService, Listener, plan};
+use crate::farm::{Ending, Farm, JobOrder, Submission};
+use crate::outputs::Outputs;
+use crate::service::{ControlService, Listener};
 use crate::signals::Signals;
-use crate::store::{Store, StoredJob};
+use crate::store::{Patience, Store, StoreError, StoreLocation, StoredJob};
 use farm_film::{Counters, FilmTile, FrameIndex};
 use farm_job::JobState;
 use farm_worker::cli::Fault;
 use farm_worker::frames::partial_header;
 use std::net::SocketAddr;
-use std::path::Path;
 use std::sync::Arc;
 use tracing::{info, warn};
 
-/// Serves until a signal comes. Whatever was acknowledged is in the store; workers wait for the next start.
-pub async fn serve(address: SocketAddr, folder: &Path, verify: f64) -> Result<(), Fault> {
+/// Serves until a signal comes, or until another coordinator takes the store over. Whatever was acknowledged is in the
+/// store; workers wait for the next start.
+pub async fn serve(
+    address: SocketAddr,
+    location: &StoreLocation,
+    patience: Patience,
+    verify: f64,
+) -> Result<(), Fault> {
     let mut signals = Signals::listen()?;
-    let store = Arc::new(Store::open(folder).map_err(Fault::failed)?);
+    let store = tokio::select! {
+        store = Store::open(location, patience) => Arc::new(store.map_err(Fault::failed)?),
+        () = signals.next() => return Ok(()),
+    };
+    let mut lost = store.lost();
+    let served = tokio::select! {
+        served = serve_from(address, store.clone(), verify, &mut signals) => served,
+        Ok(by) = lost.wait_for(Option::is_some) => {
+            let by = by.clone().unwrap_or_default();
+            // Nothing more may be said to anyone: what is under way ends with the process.
+            return Err(Fault::failed(StoreError::TurnOver(by)));
+        }
+    };
+    store.leave().await;
+    served
+}
+
+async fn serve_from(
+    address: SocketAddr,
+    store: Arc<Store>,
+    verify: f64,
+    signals: &mut Signals,
+) -> Result<(), Fault> {
     let listener = Listener::bind_or_fault(address).await?;
     let farm = driver::start(Some(store.clone()), verify)
         .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
-    let jobs = store.jobs().map_err(Fault::failed)?;
+    let jobs = store.jobs().await.map_err(Fault::failed)?;
     for job in &jobs {
-        restore(&farm, &store, job).await?;
+        restore(&farm, &store, job).await.map_err(Fault::failed)?;
     }
     eprintln!("listening on {}", listener.address());
     listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs)));
@@ -33,63 +61,69 @@ pub async fn serve(address: SocketAddr, folder: &Path, verify: f64) -> Result<()
     Ok(())
 }
 
-/// Goes on with a job from before a restart.
-async fn restore(farm: &Farm, store: &Arc<Store>, record: &StoredJob) -> Result<(), Fault> {
+/// A job that cannot be gone on with.
+#[derive(Debug, thiserror::Error)]
+pub enum RestoreError {
+    /// What there is of it cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// There is nobody to go on with it.
+    #[error(transparent)]
+    Ending(#[from] Ending),
+}
+
+/// Goes on with a job from what the store holds of it.
+pub async fn restore(farm: &Farm, store: &Store, record: &StoredJob) -> Result<(), RestoreError> {
     match record.state {
         JobState::Running | JobState::Paused | JobState::Done => {}
         JobState::Failed | JobState::Cancelled => return Ok(()),
     }
-    let (kept, job) = (store.clone(), record.clone());
-    let submission = tokio::task::spawn_blocking(move || submission(&kept, &job))
-        .await
-        .map_err(Fault::failed)?
-        .map_err(Fault::failed)?;
+    let submission = submission(store, record).await?;
     let partials: usize = submission.durable.iter().map(|(_, partials)| partials.len()).sum();
     info!(job = %record.job, frames = submission.finished.len(), partials, "going on with a job");
-    farm.submit(submission).await.map_err(Fault::failed)?;
+    farm.submit(submission).await?;
     if record.state == JobState::Paused {
-        farm.order(record.job, JobOrder::Pause).await.map_err(Fault::failed)?;
+        farm.order(record.job, JobOrder::Pause).await?;
     }
     Ok(())
 }
 
 /// What is there of a job.
-fn submission(store: &Store, record: &StoredJob) -> Result<Submission, String> {
+async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, StoreError> {
     let (job, spec) = (record.job, record.spec.clone());
-    let plan = plan(store, job, &spec.name)?;
-    let (mut finished, mut durable) = (Vec::new(), Vec::new());
-    for frame in spec.frames.iter() {
-        if plan.names.path(frame).is_file() {
-            finished.push(frame);
+    let finished = store.finished_frames(job).await?;
+    let mut durable = Vec::new();
+    for frame in store.begun_frames(job).await? {
+        if finished.contains(&frame) {
             // Whatever the end of the former life left behind.
-            store.remove_partials(job, frame);
+            store.remove_partials(job, frame).await;
             continue;
         }
-        let partials = partials(store, record, frame)?;
+        let partials = partials(store, record, frame).await?;
         if !partials.is_empty() {
             durable.push((frame, partials));
         }
     }
-    Ok(Submission { job, spec, plan, listener: None, finished, durable })
+    let outputs = Outputs::Store { scene_name: spec.name.clone() };
+    Ok(Submission { job, spec, outputs, listener: None, finished: finished.into_iter().collect(), durable })
 }
 
 /// Partials of a frame that belong to it; others, as of an older renderer, are rendered again.
-fn partials(
+async fn partials(
     store: &Store,
     record: &StoredJob,
     frame: FrameIndex,
-) -> Result<Vec<(FilmTile, Counters)>, String> {
-    let spec = &record.spec;
-    let resolution = spec.resolution().map_err(|err| err.to_string())?;
+) -> Result<Vec<(FilmTile, Counters)>, StoreError> {
+    let (job, spec) = (record.job, &record.spec);
+    let damaged = |fault: String| StoreError::Damaged { path: format!("jobs/{job}/job.json"), fault };
+    let resolution = spec.resolution().map_err(|err| damaged(err.to_string()))?;
     let expected = partial_header(resolution, spec.scene, &spec.settings, frame);
     let mut partials = Vec::new();
-    for (tile, header) in store.partials(record.job, frame) {
+    for (tile, header) in store.partials(job, frame).await? {
         match check_header(&header, &expected) {
             Ok(()) if tile.is_finite() => partials.push((tile, header.counters)),
-            Ok(()) => {
-                warn!(job = %record.job, tile = %tile.tile(), "kept partial is not finite; rendering it again")
-            }
-            Err(error) => warn!(job = %record.job, %error, "kept partial does not fit; rendering it again"),
+            Ok(()) => warn!(%job, tile = %tile.tile(), "kept partial is not finite; rendering it again"),
+            Err(error) => warn!(%job, %error, "kept partial does not fit; rendering it again"),
         }
     }
     Ok(partials)

@@ -1,10 +1,13 @@
 //! Stories of the farm, told by the real programs over loopback.
 
 mod bad_input;
+mod bucket;
 mod by_hand;
+mod durability;
 mod harness;
 mod impostors;
 mod same_bits;
+mod server;
 mod serving;
 mod strangers;
 mod workers;

@@ -82,13 +82,25 @@ pub fn write_frame(
     metadata: &FrameMetadata,
     format: SampleFormat,
 ) -> Result<u64, ImageError> {
-    let (layer, clamped) = layer_of(frame, metadata, format);
-    let image = exr::image::Image::new(
-        exr::meta::header::ImageAttributes::new(IntegerBounds::from_dimensions(layer.size)),
-        layer,
-    );
+    let (image, clamped) = image_of(frame, metadata, format);
     write_file_with(path, |out| image.write().to_buffered(out).map_err(|err| err.to_string()))?;
     Ok(clamped)
+}
+
+/// The bytes that [`write_frame`] would write, and how many of the picture's values were beyond the format's range.
+pub fn encode_frame(frame: &Frame, metadata: &FrameMetadata, format: SampleFormat) -> (Vec<u8>, u64) {
+    let (image, clamped) = image_of(frame, metadata, format);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image.write().to_buffered(&mut bytes).expect("a valid picture can be written to memory");
+    (bytes.into_inner(), clamped)
+}
+
+type FrameImage = exr::image::Image<Layer<AnyChannels<FlatSamples>>>;
+
+fn image_of(frame: &Frame, metadata: &FrameMetadata, format: SampleFormat) -> (FrameImage, u64) {
+    let (layer, clamped) = layer_of(frame, metadata, format);
+    let window = IntegerBounds::from_dimensions(layer.size);
+    (exr::image::Image::new(exr::meta::header::ImageAttributes::new(window), layer), clamped)
 }
 
 fn layer_of(
@@ -202,6 +214,8 @@ pub(crate) mod tests {
         let passes = [Pass::Rgb("variance", &variance), Pass::Scalar("Z", &depth)];
         let frame = Frame { resolution, pixels: &pixels, passes: &passes };
         assert_eq!(write_frame(&path, &frame, &metadata(), SampleFormat::Float).unwrap(), 0);
+        let encoded = encode_frame(&frame, &metadata(), SampleFormat::Float);
+        assert_eq!(encoded, (std::fs::read(&path).unwrap(), 0));
         let image = read_image(&path).unwrap();
         assert_eq!(image.resolution, resolution);
         let bits = |pixels: &[Rgb]| pixels.iter().flatten().map(|value| value.to_bits()).collect::<Vec<_>>();

@@ -18,7 +18,7 @@ mod read;
 pub use digest::pixels_digest;
 pub use error::ImageError;
 pub use file::{write_file, write_file_with};
-pub use frame::{Frame, FrameMetadata, Pass, SampleFormat, write_frame};
+pub use frame::{Frame, FrameMetadata, Pass, SampleFormat, encode_frame, write_frame};
 pub use heat_map::difference_png;
 pub use metrics::{Comparison, compare};
 pub use partial::{PartialHeader, PartialLimits, decode_partial, encode_partial};

@@ -5,6 +5,6 @@ mod rounds;
 mod spec;
 mod state;
 
-pub use ids::{Digest, JobId, LeaseId, WorkerId};
+pub use ids::{Digest, DigestError, JobId, LeaseId, WorkerId};
 pub use spec::{FrameRange, JobSpec, JobSpecError, Stop};
 pub use state::JobState;

@@ -1,12 +1,13 @@
 //! What one asks and tells a coordinator that serves.
 
+use super::watch::watch;
 use super::{print, print_json};
 use crate::client::Client;
 use crate::outputs::FrameNames;
 use crate::progress::{clock, metric};
 use farm_film::FrameIndex;
 use farm_image::write_file;
-use farm_job::{FrameRange, JobId, JobState, WorkerId};
+use farm_job::{FrameRange, JobId, WorkerId};
 use farm_proto::convert::{JobView, WorkerView};
 use farm_worker::cli::Fault;
 use serde_json::{Value, json};
@@ -111,21 +112,6 @@ pub fn watch_job(args: &JobArgs) -> Result<(), Fault> {
     })
 }
 
-/// Shows every change of a job; an end other than done is a failure.
-pub async fn watch(client: &mut Client, job: JobId, json: bool) -> Result<(), Fault> {
-    let last = client
-        .watch(job, |view| match json {
-            // A line that cannot be printed is no reason to stop the job.
-            true => drop(print_json(&job_json(view))),
-            false => eprintln!("{}", job_line(view)),
-        })
-        .await?;
-    match last.state {
-        JobState::Done => Ok(()),
-        state => Err(Fault::failed(format!("job {job} is {state}: {}", last.reason))),
-    }
-}
-
 /// Tells a coordinator what was decided about a job.
 pub fn decide(args: &JobArgs, decision: Decision) -> Result<(), Fault> {
     super::block_on(async {
@@ -198,7 +184,8 @@ fn show(view: &JobView, json: bool) -> Result<(), Fault> {
     if json { print_json(&job_json(view)) } else { print(&job_line(view)) }
 }
 
-fn job_line(view: &JobView) -> String {
+/// For people.
+pub fn job_line(view: &JobView) -> String {
     let part = view.samples_done as f64 / view.samples_total.max(1) as f64;
     let mut line = format!(
         "job {}  {}  {}  {:.1} %  {}/{} frames",
@@ -221,7 +208,8 @@ fn job_line(view: &JobView) -> String {
     line
 }
 
-fn job_json(view: &JobView) -> Value {
+/// For scripts.
+pub fn job_json(view: &JobView) -> Value {
     json!({
         "job": view.job,
         "spec": view.spec,
@@ -249,7 +237,8 @@ fn worker_line(view: &WorkerView) -> String {
     )
 }
 
-fn worker_json(view: &WorkerView) -> Value {
+/// For scripts.
+pub fn worker_json(view: &WorkerView) -> Value {
     json!({
         "worker": view.worker,
         "name": view.name,

@@ -7,6 +7,7 @@ mod merge;
 mod render;
 mod serve;
 mod submit;
+mod watch;
 mod work;
 
 use farm_worker::cli::Fault;
@@ -48,7 +49,7 @@ enum Command {
     Cancel(jobs::JobArgs),
     /// Give out nothing more of a job for now
     Pause(jobs::JobArgs),
-    /// Go on with a paused job
+    /// Go on with a paused job, or try a failed one again
     Resume(jobs::JobArgs),
     Priority(jobs::PriorityArgs),
     /// Show who is connected

@@ -3,7 +3,7 @@
 use super::work::{WorkArgs, part};
 use crate::driver;
 use crate::farm::{Farm, JobEvent, Submission};
-use crate::outputs::{FrameNames, FrameSummary, OutputPlan};
+use crate::outputs::{FrameNames, FrameSummary, OutputPlan, Outputs};
 use crate::progress::Display;
 use crate::report::RenderReport;
 use crate::service::{Listener, serve_memory};
@@ -132,7 +132,7 @@ async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
     let submission = Submission {
         job: JOB,
         spec: spec.clone(),
-        plan,
+        outputs: Outputs::Files(plan),
         listener: Some(listener),
         finished: Vec::new(),
         durable: Vec::new(),

@@ -1,6 +1,7 @@
 //! A job for a coordinator that serves.
 
-use super::jobs::{ConnectArgs, watch};
+use super::jobs::ConnectArgs;
+use super::watch::watch;
 use super::work::WorkArgs;
 use super::{print, print_json};
 use crate::client::Client;
@@ -9,7 +10,7 @@ use farm_worker::cli::{Fault, PictureArgs};
 /// Submit a job to a coordinator that serves
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Prints the job's number. The scene is sent once, whatever the number of jobs and frames.
+Prints the job's number. Of the scene only what the coordinator lacks is sent, whatever the number of jobs and frames.
 
 Examples:
   coordinator submit scene.glb --spp 256
@@ -43,10 +44,16 @@ pub fn run(args: &SubmitArgs) -> Result<(), Fault> {
     let spec = args.work.spec(&loaded, args.name.as_ref().unwrap_or(&stem), args.priority)?;
     super::block_on(async {
         let mut client = Client::connect(&args.connect.to).await?;
-        client.bring(loaded.id, loaded.snapshot).await?;
+        let scene_bytes = loaded.snapshot.len();
+        let sent_bytes = client.bring(loaded.id, loaded.snapshot).await?;
         let job = client.submit(spec).await?;
         match args.connect.json {
-            true => print_json(&serde_json::json!({ "job": job, "scene_id": loaded.id.to_string() }))?,
+            true => print_json(&serde_json::json!({
+                "job": job,
+                "scene_id": loaded.id.to_string(),
+                "scene_bytes": scene_bytes,
+                "sent_bytes": sent_bytes,
+            }))?,
             false => print(&job.to_string())?,
         }
         if args.watch { watch(&mut client, job, false).await } else { Ok(()) }

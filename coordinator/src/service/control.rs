@@ -2,16 +2,17 @@
 
 use crate::cli::check_tile;
 use crate::farm::{Farm, JobOrder, Submission};
-use crate::outputs::{FrameNames, OutputPlan};
+use crate::outputs::Outputs;
 use crate::registry::chunks;
-use crate::store::{Store, StoredJob};
+use crate::serve::restore;
+use crate::store::{Store, StoreError, StoredJob};
 use crate::views;
-use bytes::BytesMut;
 use farm_film::FrameIndex;
-use farm_job::{JobId, JobSpec, JobState, WorkerId};
-use farm_proto::convert::JobView;
+use farm_job::{Digest, JobId, JobSpec, JobState, WorkerId};
+use farm_proto::convert::{JobView, WatchView};
 use farm_proto::v1::{self, control_server::Control};
 use farm_scene::{SceneId, decode};
+use futures::{StreamExt, TryStreamExt};
 use std::collections::BTreeMap;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,6 +23,9 @@ use tonic::{Request, Response, Status, Streaming};
 
 /// Largest scene that may be brought: it is held in memory while it is checked.
 const UPLOAD_BYTES_MAX: usize = 4 << 30;
+
+/// Pieces that are put into the store at the same time.
+const PIECES_AT_ONCE: usize = 8;
 
 /// How often a watched job is looked at.
 const WATCH_EVERY: Duration = Duration::from_millis(300);
@@ -44,7 +48,11 @@ fn no_job(job: JobId) -> Status {
     Status::not_found(format!("there is no job {job}"))
 }
 
-/// Runs what touches files away from the threads that answer messages.
+fn not_stored(error: StoreError) -> Status {
+    Status::unavailable(error.to_string())
+}
+
+/// Runs what takes its time away from the threads that answer messages.
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Status> + Send + 'static,
 ) -> Result<T, Status> {
@@ -64,9 +72,7 @@ impl ControlService {
     }
 
     async fn keep(&self, job: StoredJob) -> Result<(), Status> {
-        let (store, kept) = (self.store.clone(), job.clone());
-        blocking(move || store.put_job(&kept).map_err(|err| Status::resource_exhausted(err.to_string())))
-            .await?;
+        self.store.put_state(&job).await.map_err(not_stored)?;
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(job.job, job);
         Ok(())
     }
@@ -100,62 +106,34 @@ impl ControlService {
         Ok(Response::new(self.view(job).await?.into()))
     }
 
+    /// Goes on with a failed job from what is kept of it, as after a restart.
+    async fn try_again(&self, job: JobId) -> Result<Response<v1::JobStatus>, Status> {
+        let record = StoredJob { state: JobState::Running, reason: None, ..self.record(job)? };
+        self.keep(record.clone()).await?;
+        restore(&self.farm, &self.store, &record)
+            .await
+            .map_err(|err| Status::unavailable(err.to_string()))?;
+        self.farm.chronicle.note(Some(job), "tried again");
+        Ok(Response::new(self.view(job).await?.into()))
+    }
+
     /// The next number, kept before it is used.
     async fn new_job(&self, spec: JobSpec) -> Result<JobId, Status> {
-        let record = {
-            let mut jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
-            let job = JobId(jobs.keys().next_back().map_or(1, |last| last.0 + 1));
-            let record = StoredJob { job, spec, state: JobState::Running, reason: None };
-            jobs.insert(job, record.clone());
-            record
-        };
-        let job = record.job;
-        self.keep(record).await?;
+        let known = || self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut job = JobId(known().keys().next_back().map_or(1, |last| last.0 + 1));
+        // Somebody else's submission, here or by a coordinator before, may have the number.
+        while !self.store.create_job(job, &spec).await.map_err(not_stored)? {
+            job = JobId(job.0 + 1);
+        }
+        known().insert(job, StoredJob { job, spec, state: JobState::Running, reason: None });
         Ok(job)
     }
 }
 
-/// Where a job's frames go.
-pub fn plan(store: &Store, job: JobId, name: &str) -> Result<OutputPlan, String> {
-    let pattern = store.frames_folder(job).join("frame.####.exr");
-    let names = FrameNames::new(&pattern, true).map_err(|err| err.to_string())?;
-    Ok(OutputPlan { names, preview: false, scene_name: name.to_owned() })
-}
-
 #[tonic::async_trait]
 impl Control for ControlService {
-    type WatchStream = Answers<v1::JobStatus>;
+    type WatchStream = Answers<v1::WatchUpdate>;
     type FetchStream = Answers<v1::FileChunk>;
-
-    async fn put_scene(
-        &self,
-        request: Request<Streaming<v1::PutSceneRequest>>,
-    ) -> Result<Response<v1::PutSceneResponse>, Status> {
-        let mut messages = request.into_inner();
-        let (mut announced, mut bytes) = (None, BytesMut::new());
-        while let Some(message) = messages.message().await? {
-            if let Some(scene) = message.scene {
-                announced = Some(SceneId::try_from(scene)?);
-            }
-            if bytes.len() + message.data.len() > UPLOAD_BYTES_MAX {
-                return Err(Status::resource_exhausted(format!("a scene may have {UPLOAD_BYTES_MAX} bytes")));
-            }
-            bytes.extend_from_slice(&message.data);
-        }
-        let scene = announced.ok_or_else(|| Status::invalid_argument("message has no scene"))?;
-        let store = self.store.clone();
-        blocking(move || {
-            if SceneId::of(&bytes) != scene {
-                return Err(Status::data_loss(format!(
-                    "scene {scene} did not arrive as it was sent: its digest differs"
-                )));
-            }
-            decode(&bytes).map_err(|err| Status::invalid_argument(err.to_string()))?;
-            store.put_scene(scene, &bytes).map_err(|err| Status::resource_exhausted(err.to_string()))
-        })
-        .await?;
-        Ok(Response::new(v1::PutSceneResponse {}))
-    }
 
     async fn missing_scenes(
         &self,
@@ -164,12 +142,65 @@ impl Control for ControlService {
         let mut missing = Vec::new();
         for scene in request.into_inner().scenes {
             let scene = SceneId::try_from(scene)?;
-            let farm = self.farm.clone();
-            if !blocking(move || Ok(farm.scene(scene).is_some())).await? {
+            if !self.store.has_scene(scene).await.map_err(not_stored)? {
                 missing.push(scene.into());
             }
         }
         Ok(Response::new(v1::MissingScenesResponse { scenes: missing }))
+    }
+
+    async fn missing_pieces(
+        &self,
+        request: Request<v1::MissingPiecesRequest>,
+    ) -> Result<Response<v1::MissingPiecesResponse>, Status> {
+        let mut missing = Vec::new();
+        for piece in request.into_inner().pieces {
+            let piece = Digest::try_from(piece)?;
+            if !self.store.has_piece(piece).await.map_err(not_stored)? {
+                missing.push(piece.into());
+            }
+        }
+        Ok(Response::new(v1::MissingPiecesResponse { pieces: missing }))
+    }
+
+    async fn put_pieces(
+        &self,
+        request: Request<Streaming<v1::PutPieceRequest>>,
+    ) -> Result<Response<v1::PutPiecesResponse>, Status> {
+        let store = self.store.clone();
+        let kept = request.into_inner().map(move |piece| {
+            let store = store.clone();
+            async move { store.put_piece(piece?.data).await.map_err(not_stored) }
+        });
+        kept.buffer_unordered(PIECES_AT_ONCE).try_collect::<()>().await?;
+        Ok(Response::new(v1::PutPiecesResponse {}))
+    }
+
+    async fn put_scene(
+        &self,
+        request: Request<v1::PutSceneRequest>,
+    ) -> Result<Response<v1::PutSceneResponse>, Status> {
+        let v1::PutSceneRequest { scene, pieces } = request.into_inner();
+        let scene = scene.ok_or_else(|| Status::invalid_argument("message has no scene"))?;
+        let scene = SceneId::try_from(scene)?;
+        let pieces: Vec<Digest> = pieces.into_iter().map(Digest::try_from).collect::<Result<_, _>>()?;
+        let snapshot = self.store.join(&pieces, UPLOAD_BYTES_MAX).await.map_err(not_stored)?;
+        let snapshot = snapshot.ok_or_else(|| {
+            Status::failed_precondition(format!(
+                "pieces of scene {scene} are missing, or it has more than {UPLOAD_BYTES_MAX} bytes"
+            ))
+        })?;
+        blocking(move || {
+            if SceneId::of(&snapshot) != scene {
+                return Err(Status::data_loss(format!(
+                    "the pieces do not make up scene {scene}: its digest differs"
+                )));
+            }
+            decode(&snapshot).map_err(|err| Status::invalid_argument(err.to_string())).map(drop)
+        })
+        .await?;
+        self.store.put_scene(scene, &pieces).await.map_err(not_stored)?;
+        Ok(Response::new(v1::PutSceneResponse {}))
     }
 
     async fn submit(
@@ -178,12 +209,15 @@ impl Control for ControlService {
     ) -> Result<Response<v1::SubmitResponse>, Status> {
         let spec = request.into_inner().spec.ok_or_else(|| Status::invalid_argument("message has no job"))?;
         let spec = JobSpec::try_from(spec)?;
-        let (farm, checked) = (self.farm.clone(), spec.clone());
-        blocking(move || check(&farm, &checked)).await?;
+        let snapshot = self.farm.scene(spec.scene).await.ok_or_else(|| {
+            Status::failed_precondition(format!("scene {} is not here: bring it first", spec.scene))
+        })?;
+        let checked = spec.clone();
+        blocking(move || check(&snapshot, &checked)).await?;
         let job = self.new_job(spec.clone()).await?;
-        let plan = plan(&self.store, job, &spec.name).map_err(Status::internal)?;
+        let outputs = Outputs::Store { scene_name: spec.name.clone() };
         let submission =
-            Submission { job, spec, plan, listener: None, finished: Vec::new(), durable: Vec::new() };
+            Submission { job, spec, outputs, listener: None, finished: Vec::new(), durable: Vec::new() };
         self.farm.submit(submission).await.map_err(ending)?;
         Ok(Response::new(v1::SubmitResponse { job: job.0 }))
     }
@@ -209,18 +243,23 @@ impl Control for ControlService {
         let farm = self.farm.clone();
         let (sender, answers) = tokio::sync::mpsc::channel(1);
         tokio::spawn(async move {
-            let mut shown: Option<JobView> = None;
+            let (mut shown, mut noted) = (None, 0);
             loop {
                 let Ok(overview) = farm.overview().await else { return };
-                let Ok(view) = views::job(&farm, &record, &overview).await else { return };
-                let ended = view.state.is_final();
-                if shown.as_ref() != Some(&view) && sender.send(Ok(view.clone().into())).await.is_err() {
-                    return;
+                let Ok(job) = views::job(&farm, &record, &overview).await else { return };
+                let (latest, log) = farm.chronicle.after(noted, record.job);
+                noted = latest;
+                let ended = job.state.is_final();
+                if shown.as_ref() != Some(&job) || !log.is_empty() {
+                    let update = WatchView { job: job.clone(), workers: views::workers(&overview), log };
+                    if sender.send(Ok(update.into())).await.is_err() {
+                        return;
+                    }
                 }
                 if ended {
                     return;
                 }
-                shown = Some(view);
+                shown = Some(job);
                 tokio::time::sleep(WATCH_EVERY).await;
             }
         });
@@ -239,6 +278,9 @@ impl Control for ControlService {
 
     async fn resume(&self, request: Request<v1::JobRequest>) -> Result<Response<v1::JobStatus>, Status> {
         let job = JobId(request.into_inner().job);
+        if self.view(job).await?.state == JobState::Failed {
+            return self.try_again(job).await;
+        }
         self.decide(job, JobOrder::Resume, |job| job.state = JobState::Running).await
     }
 
@@ -267,27 +309,20 @@ impl Control for ControlService {
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
         let v1::FetchRequest { job, frame } = request.into_inner();
         let record = self.record(JobId(job))?;
-        let plan = plan(&self.store, record.job, &record.spec.name).map_err(Status::internal)?;
-        let path = plan.names.path(FrameIndex(frame));
-        let file = blocking(move || {
-            std::fs::read(&path)
-                .map_err(|_| Status::not_found(format!("frame {frame} of job {job} is not finished")))
-        })
-        .await?;
+        let file = self.store.frame(record.job, FrameIndex(frame)).await.map_err(not_stored)?;
+        let file =
+            file.ok_or_else(|| Status::not_found(format!("frame {frame} of job {job} is not finished")))?;
         let total = file.len() as u64;
-        let answers = chunks(file.into(), 0).map(move |(_, data)| Ok(v1::FileChunk { total, data }));
+        let answers = chunks(file, 0).map(move |(_, data)| Ok(v1::FileChunk { total, data }));
         Ok(Response::new(Box::pin(tokio_stream::iter(answers))))
     }
 }
 
 /// What the specification alone cannot tell.
-fn check(farm: &Farm, spec: &JobSpec) -> Result<(), Status> {
+fn check(snapshot: &[u8], spec: &JobSpec) -> Result<(), Status> {
     let resolution = spec.resolution().map_err(|err| Status::invalid_argument(err.to_string()))?;
     check_tile(resolution, spec.tile_side).map_err(Status::invalid_argument)?;
-    let snapshot = farm.scene(spec.scene).ok_or_else(|| {
-        Status::failed_precondition(format!("scene {} is not here: bring it first", spec.scene))
-    })?;
-    let scene = decode(&snapshot).map_err(|err| Status::invalid_argument(err.to_string()))?;
+    let scene = decode(snapshot).map_err(|err| Status::invalid_argument(err.to_string()))?;
     let (camera, cameras) = (spec.settings.camera, scene.cameras.len());
     if camera as usize >= cameras {
         return Err(Status::invalid_argument(format!(

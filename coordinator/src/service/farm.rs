@@ -78,11 +78,8 @@ impl farm_server::Farm for FarmService {
         let scene = SceneId::try_from(
             request.scene.ok_or_else(|| Status::invalid_argument("message has no scene"))?,
         )?;
-        let farm = self.farm.clone();
-        let snapshot = tokio::task::spawn_blocking(move || farm.scene(scene))
-            .await
-            .map_err(|_| Status::unavailable("the coordinator is ending"))?
-            .ok_or_else(|| Status::not_found(format!("there is no scene {scene}")))?;
+        let snapshot = self.farm.scene(scene).await;
+        let snapshot = snapshot.ok_or_else(|| Status::not_found(format!("there is no scene {scene}")))?;
         let total = snapshot.len() as u64;
         let offset = usize::try_from(request.offset)
             .ok()

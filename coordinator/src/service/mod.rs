@@ -5,5 +5,5 @@ mod control;
 mod farm;
 mod listen;
 
-pub use control::{ControlService, plan};
+pub use control::ControlService;
 pub use listen::{Listener, serve_memory};

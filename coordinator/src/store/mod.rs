@@ -1,56 +1,97 @@
-//! What must survive the coordinator: a folder of ordinary files, each written whole, made durable and never changed.
+//! What must survive the coordinator: objects in a folder or a bucket, each put whole, durable when the put returns, and
+//! never changed.
 //!
 //! ```text
 //! session                              names this store's farm to its workers
-//! lock                                 held by the coordinator that writes here
-//! scenes/<digest>                      snapshots
-//! jobs/<id>/job.json                   what was asked, and what its owner decided since
-//! jobs/<id>/partials/<frame>/*.exr     accepted results of frames that are not finished
+//! epochs/..                            whose turn it is to write (see [`turn`])
+//! scenes/<digest>                      which pieces a scene's snapshot is made of
+//! pieces/<digest>                      pieces of snapshots, each kept once however many scenes share it
+//! jobs/<id>/job.json                   what was asked
+//! jobs/<id>/state/<epoch>-<n>.json     what its owner decided since, and what became of it; the latest counts
+//! jobs/<id>/partials/<frame>/*.exr     accepted results of frames that are not finished; under load several of them in
+//! jobs/<id>/partials/<frame>/*.tar     one object, as a put costs the same whatever its size
 //! jobs/<id>/frames/frame.####.exr      finished frames
 //! ```
 //!
 //! Restart: list, read, continue. Every intermediate state opens in any EXR viewer, and `coordinator merge` takes the
-//! partials as they are.
+//! partials as they are. Nothing that a coordinator leaves behind after its turn does harm: its partials hold the same bits
+//! as anybody's, and its states sort before those of the next turn.
 
+mod batch;
+mod location;
+mod objects;
+mod turn;
+
+pub use location::StoreLocation;
+pub use turn::Patience;
+
+use crate::pieces;
+use batch::partial_name;
+use bytes::{Bytes, BytesMut};
 use farm_film::{FilmTile, FrameIndex, Tile, WorkUnit};
-use farm_image::{ImageError, PartialLimits, decode_partial, write_file};
-use farm_job::{JobId, JobSpec, JobState};
+use farm_image::{PartialHeader, PartialLimits, decode_partial};
+use farm_job::{Digest, JobId, JobSpec, JobState};
 use farm_scene::SceneId;
+use location::Objects;
+use object_store::ObjectStoreExt;
+use object_store::path::Path;
+use objects::{create, get, list, put, root_cause};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::watch;
 use tracing::warn;
+use turn::Turn;
+
+/// Objects that are read at the same time.
+const READS: usize = 16;
 
 /// A store that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Someone else writes there.
-    #[error("the store {} is in use by another coordinator: stop it, or give another folder with --store", .0.display())]
-    InUse(PathBuf),
-    /// A file that cannot be read or written.
-    #[error("the store's {}: {error}", path.display())]
-    File {
+    #[error(
+        "the store is in use by another coordinator ({0}): stop that one, give another store with --store, or wait for its end with --standby"
+    )]
+    InUse(String),
+    /// This coordinator was given up for dead meanwhile.
+    #[error("another coordinator has taken over the store ({0}): this one may not write there any more")]
+    TurnOver(String),
+    /// An object that cannot be read or written.
+    #[error("the store's {path}: {error}")]
+    Object {
         /// Which one.
-        path: PathBuf,
+        path: String,
         /// Why not.
-        error: std::io::Error,
+        error: String,
     },
-    /// A file that could not be written whole.
-    #[error(transparent)]
-    Write(#[from] ImageError),
-    /// A file that does not hold what it should.
-    #[error("the store's {} is damaged: {fault}", path.display())]
+    /// A place that cannot be a store.
+    #[error("{store} cannot be used as a store: {error}")]
+    Unusable {
+        /// Which one.
+        store: String,
+        /// Why not.
+        error: String,
+    },
+    /// An object that does not hold what it should.
+    #[error("the store's {path} is damaged: {fault}")]
     Damaged {
         /// Which one.
-        path: PathBuf,
+        path: String,
         /// What is wrong.
         fault: String,
     },
 }
 
+impl StoreError {
+    fn object(path: &Path, error: &object_store::Error) -> Self {
+        Self::Object { path: path.to_string(), error: root_cause(error) }
+    }
+}
+
 /// A job as it is kept.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct StoredJob {
     /// Its name.
     pub job: JobId,
@@ -62,28 +103,45 @@ pub struct StoredJob {
     pub reason: Option<String>,
 }
 
-/// A folder that is ours as long as this lives.
+/// What has become of a job.
+#[derive(Serialize, Deserialize)]
+struct StoredState {
+    state: JobState,
+    reason: Option<String>,
+    priority: i32,
+}
+
+/// A store that is ours as long as nobody takes it over.
 pub struct Store {
-    root: PathBuf,
+    objects: Arc<Objects>,
+    turn: Arc<Turn>,
     session: u64,
-    _lock: File,
+    /// Numbers what this coordinator puts.
+    next: AtomicU64,
+    /// Kept at hand, as all workers ask for the same one.
+    latest_scene: Mutex<Option<(SceneId, Bytes)>>,
+    beating: tokio::task::JoinHandle<()>,
+}
+
+impl Drop for Store {
+    fn drop(&mut self) {
+        self.beating.abort();
+    }
 }
 
 impl Store {
-    /// Takes a folder, and makes it a store if it is none yet.
-    pub fn open(root: &Path) -> Result<Self, StoreError> {
-        for folder in ["scenes", "jobs"] {
-            let path = root.join(folder);
-            std::fs::create_dir_all(&path).map_err(|error| StoreError::File { path, error })?;
-        }
-        let path = root.join("lock");
-        let lock = File::create(&path).map_err(|error| StoreError::File { path: path.clone(), error })?;
-        lock.try_lock().map_err(|err| match err {
-            TryLockError::WouldBlock => StoreError::InUse(root.to_owned()),
-            TryLockError::Error(error) => StoreError::File { path, error },
-        })?;
-        let session = session(root)?;
-        Ok(Self { root: root.to_owned(), session, _lock: lock })
+    /// Takes a store when no other coordinator has it any more; makes it one if it is none yet.
+    pub async fn open(location: &StoreLocation, patience: Patience) -> Result<Self, StoreError> {
+        let objects = Arc::new(Objects::open(location)?);
+        let turn = Arc::new(Turn::take(&objects, patience).await?);
+        objects.sweep();
+        turn.tidy(&objects).await;
+        let session = session(&objects).await?;
+        let beating = tokio::spawn({
+            let (turn, objects) = (turn.clone(), objects.clone());
+            async move { turn.beat(&objects).await }
+        });
+        Ok(Self { objects, turn, session, next: AtomicU64::new(0), latest_scene: Mutex::default(), beating })
     }
 
     /// Names this store's farm to its workers: what they hold stays good across restarts.
@@ -91,137 +149,325 @@ impl Store {
         self.session
     }
 
-    /// Keeps a scene's snapshot.
-    pub fn put_scene(&self, scene: SceneId, snapshot: &[u8]) -> Result<(), StoreError> {
-        Ok(write_file(&self.scene_path(scene), snapshot)?)
+    /// Says who has taken the store over.
+    pub fn lost(&self) -> watch::Receiver<Option<String>> {
+        self.turn.lost()
+    }
+
+    /// Puts that are worth having under way at the same time.
+    pub fn puts(&self) -> usize {
+        self.objects.puts
+    }
+
+    /// Leaves the store to whoever comes next.
+    pub async fn leave(&self) {
+        self.turn.end(&self.objects).await;
+    }
+
+    /// Makes an object durable, if it is still ours to do so, and says so only if it still is.
+    async fn keep(&self, path: &Path, bytes: impl Into<Bytes>) -> Result<(), StoreError> {
+        self.turn.check(&self.objects).await?;
+        put(&*self.objects.durable, path, bytes.into()).await?;
+        self.turn.confirm(&self.objects).await
+    }
+
+    /// A name that no other object of any coordinator has, and that sorts after those before.
+    fn fresh_name(&self, extension: &str) -> String {
+        let number = self.next.fetch_add(1, Ordering::Relaxed);
+        format!("{:010}-{number:010}.{extension}", self.turn.epoch())
+    }
+
+    /// Keeps a piece of a scene, unless it is there.
+    pub async fn put_piece(&self, piece: Bytes) -> Result<(), StoreError> {
+        let digest = pieces::digest(&piece);
+        if self.has_piece(digest).await? { Ok(()) } else { self.keep(&piece_path(digest), piece).await }
+    }
+
+    /// Whether a piece is there.
+    pub async fn has_piece(&self, piece: Digest) -> Result<bool, StoreError> {
+        self.has(&piece_path(piece)).await
+    }
+
+    /// Whether a scene is there.
+    pub async fn has_scene(&self, scene: SceneId) -> Result<bool, StoreError> {
+        self.has(&scene_path(scene)).await
+    }
+
+    async fn has(&self, path: &Path) -> Result<bool, StoreError> {
+        match self.objects.durable.head(path).await {
+            Ok(_) => Ok(true),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(StoreError::object(path, &error)),
+        }
+    }
+
+    /// The pieces in a row, as far as they are there.
+    pub async fn join(&self, digests: &[Digest], bytes_max: usize) -> Result<Option<Bytes>, StoreError> {
+        use futures::StreamExt;
+        let paths: Vec<Path> = digests.iter().map(|digest| piece_path(*digest)).collect();
+        let objects = self.objects.clone();
+        let pieces = futures::stream::iter(paths).map(move |path| {
+            let objects = objects.clone();
+            async move { get(&*objects.durable, &path).await }
+        });
+        let mut pieces = pieces.buffered(READS);
+        let mut joined = BytesMut::new();
+        while let Some(piece) = pieces.next().await {
+            let Some(piece) = piece? else { return Ok(None) };
+            if joined.len() + piece.len() > bytes_max {
+                return Ok(None);
+            }
+            joined.extend_from_slice(&piece);
+        }
+        Ok(Some(joined.freeze()))
+    }
+
+    /// Keeps which pieces, all of which are there, make up a scene's snapshot.
+    pub async fn put_scene(&self, scene: SceneId, digests: &[Digest]) -> Result<(), StoreError> {
+        let names: Vec<String> = digests.iter().map(Digest::to_string).collect();
+        let json = serde_json::to_vec_pretty(&names).expect("plain data serialises");
+        self.keep(&scene_path(scene), json).await
     }
 
     /// A scene's snapshot, verified.
-    pub fn scene(&self, scene: SceneId) -> Option<Vec<u8>> {
-        let snapshot = std::fs::read(self.scene_path(scene)).ok()?;
-        (SceneId::of(&snapshot) == scene).then_some(snapshot)
+    pub async fn scene(&self, scene: SceneId) -> Option<Bytes> {
+        if let Some((latest, snapshot)) = &*self.latest_scene.lock().unwrap_or_else(PoisonError::into_inner)
+            && *latest == scene
+        {
+            return Some(snapshot.clone());
+        }
+        let names: Vec<String> = self.read_json(&scene_path(scene)).await.ok()??;
+        let digests: Vec<Digest> = names.iter().map(|name| name.parse()).collect::<Result<_, _>>().ok()?;
+        let snapshot = self.join(&digests, usize::MAX).await.ok()??;
+        let verified =
+            tokio::task::spawn_blocking(move || (SceneId::of(&snapshot) == scene).then_some(snapshot));
+        let snapshot = verified.await.ok()??;
+        *self.latest_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((scene, snapshot.clone()));
+        Some(snapshot)
     }
 
-    fn scene_path(&self, scene: SceneId) -> PathBuf {
-        self.root.join("scenes").join(scene.to_string())
+    /// Keeps a new job; false when its number is taken.
+    pub async fn create_job(&self, job: JobId, spec: &JobSpec) -> Result<bool, StoreError> {
+        self.turn.check(&self.objects).await?;
+        let json = serde_json::to_vec_pretty(spec).expect("plain data serialises");
+        let created = create(&*self.objects.durable, &job_path(job).join("job.json"), json).await?;
+        self.turn.confirm(&self.objects).await?;
+        Ok(created)
     }
 
-    fn job_folder(&self, job: JobId) -> PathBuf {
-        self.root.join("jobs").join(job.to_string())
-    }
-
-    fn partials_folder(&self, job: JobId, frame: FrameIndex) -> PathBuf {
-        self.job_folder(job).join("partials").join(frame.to_string())
-    }
-
-    /// Folder of a job's finished frames.
-    pub fn frames_folder(&self, job: JobId) -> PathBuf {
-        self.job_folder(job).join("frames")
-    }
-
-    /// Keeps a job, or what has become of it.
-    pub fn put_job(&self, job: &StoredJob) -> Result<(), StoreError> {
-        let folder = self.frames_folder(job.job);
-        std::fs::create_dir_all(&folder).map_err(|error| StoreError::File { path: folder, error })?;
-        let json = serde_json::to_vec_pretty(job).expect("plain data serialises");
-        Ok(write_file(&self.job_folder(job.job).join("job.json"), &json)?)
+    /// Keeps what has become of a job.
+    pub async fn put_state(&self, job: &StoredJob) -> Result<(), StoreError> {
+        let folder = job_path(job.job).join("state");
+        let former = list(&*self.objects.durable, &folder).await?;
+        let StoredJob { state, reason, spec, .. } = job;
+        let state = StoredState { state: *state, reason: reason.clone(), priority: spec.priority };
+        let json = serde_json::to_vec_pretty(&state).expect("plain data serialises");
+        self.keep(&folder.join(self.fresh_name("json")), json).await?;
+        self.remove(former).await;
+        Ok(())
     }
 
     /// Every job, by number.
-    pub fn jobs(&self) -> Result<Vec<StoredJob>, StoreError> {
-        let mut jobs = Vec::new();
-        for name in names(&self.root.join("jobs"))? {
-            let path = self.root.join("jobs").join(name).join("job.json");
-            // A folder without it is a job that was never acknowledged.
-            let Ok(bytes) = std::fs::read(&path) else { continue };
-            let job: StoredJob = serde_json::from_slice(&bytes)
-                .map_err(|err| StoreError::Damaged { path, fault: err.to_string() })?;
-            jobs.push(job);
+    pub async fn jobs(&self) -> Result<Vec<StoredJob>, StoreError> {
+        use futures::{StreamExt, TryStreamExt};
+        let folder = Path::from("jobs");
+        let found = self.objects.durable.list_with_delimiter(Some(&folder)).await;
+        let found = found.map_err(|error| StoreError::object(&folder, &error))?;
+        let numbers =
+            found.common_prefixes.iter().filter_map(|path| path.filename()?.parse().ok().map(JobId));
+        let jobs = futures::stream::iter(numbers.collect::<BTreeSet<_>>());
+        let jobs = jobs.map(|job| self.job(job)).buffered(READS).try_collect::<Vec<_>>().await?;
+        Ok(jobs.into_iter().flatten().collect())
+    }
+
+    /// A folder without its description is a job that was never acknowledged.
+    async fn job(&self, job: JobId) -> Result<Option<StoredJob>, StoreError> {
+        let path = job_path(job).join("job.json");
+        let Some(spec) = self.read_json::<JobSpec>(&path).await? else { return Ok(None) };
+        let mut stored = StoredJob { job, spec, state: JobState::Running, reason: None };
+        let states = list(&*self.objects.durable, &job_path(job).join("state")).await?;
+        if let Some(latest) = states.iter().max()
+            && let Some(StoredState { state, reason, priority }) = self.read_json(latest).await?
+        {
+            (stored.state, stored.reason, stored.spec.priority) = (state, reason, priority);
         }
-        jobs.sort_by_key(|job| job.job);
-        Ok(jobs)
+        Ok(Some(stored))
     }
 
-    /// Keeps an accepted result. Durable when this returns.
-    pub fn put_partial(&self, job: JobId, unit: &WorkUnit, partial_exr: &[u8]) -> Result<(), StoreError> {
-        let folder = self.partials_folder(job, unit.frame);
-        std::fs::create_dir_all(&folder).map_err(|error| StoreError::File { path: folder.clone(), error })?;
-        let (tile, block) = (unit.tile, unit.block);
-        let name = format!("{}-{}-{}-{}.exr", tile.x0(), tile.y0(), block.start(), block.end());
-        Ok(write_file(&folder.join(name), partial_exr)?)
+    async fn read_json<T: serde::de::DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, StoreError> {
+        let Some(bytes) = get(&*self.objects.durable, path).await? else { return Ok(None) };
+        let damaged =
+            |err: serde_json::Error| StoreError::Damaged { path: path.to_string(), fault: err.to_string() };
+        serde_json::from_slice(&bytes).map(Some).map_err(damaged)
     }
 
-    /// What is there of a frame. A file that cannot be read is as good as none: its unit is rendered again.
-    pub fn partials(&self, job: JobId, frame: FrameIndex) -> Vec<(FilmTile, farm_image::PartialHeader)> {
-        let folder = self.partials_folder(job, frame);
-        let mut partials = Vec::new();
-        for name in names(&folder).unwrap_or_default() {
-            let path = folder.join(name);
-            let read = std::fs::read(&path).map_err(|err| err.to_string()).and_then(|bytes| {
-                decode_partial(&bytes, PartialLimits::default()).map_err(|err| err.to_string())
-            });
-            match read {
-                Ok(partial) => partials.push(partial),
-                Err(error) => warn!(path = %path.display(), %error, "partial is damaged; rendering it again"),
+    /// Keeps accepted results of one frame. Durable, and ours, when this returns.
+    pub async fn put_partials(
+        &self,
+        job: JobId,
+        frame: FrameIndex,
+        partials: &[(&WorkUnit, Bytes)],
+    ) -> Result<(), StoreError> {
+        let folder = partials_path(job, frame);
+        match partials {
+            [(unit, bytes)] => self.keep(&folder.join(partial_name(unit)), bytes.clone()).await,
+            several => {
+                let packed =
+                    batch::pack(several.iter().map(|(unit, bytes)| (partial_name(unit), &bytes[..])));
+                self.keep(&folder.join(self.fresh_name("tar")), packed).await
             }
         }
-        partials
     }
 
-    /// Forgets the partials of some tiles, which are rendered again.
-    pub fn remove_tiles(&self, job: JobId, frame: FrameIndex, tiles: &[Tile]) -> Result<(), StoreError> {
-        let folder = self.partials_folder(job, frame);
-        if !folder.is_dir() {
-            return Ok(());
-        }
-        let corners: BTreeSet<String> =
-            tiles.iter().map(|tile| format!("{}-{}-", tile.x0(), tile.y0())).collect();
-        for name in names(&folder)? {
-            let name = name.to_string_lossy().into_owned();
-            if corners.iter().any(|corner| name.starts_with(corner)) {
-                let path = folder.join(name);
-                std::fs::remove_file(&path).map_err(|error| StoreError::File { path, error })?;
+    /// Frames of a job of which partials are there.
+    pub async fn begun_frames(&self, job: JobId) -> Result<BTreeSet<FrameIndex>, StoreError> {
+        let folder = job_path(job).join("partials");
+        let found = self.objects.durable.list_with_delimiter(Some(&folder)).await;
+        let found = found.map_err(|error| StoreError::object(&folder, &error))?;
+        let frame = |path: &Path| path.filename()?.parse().ok().map(FrameIndex);
+        Ok(found.common_prefixes.iter().filter_map(frame).collect())
+    }
+
+    /// What is there of a frame. A file that is damaged is as good as none: its unit is rendered again.
+    pub async fn partials(
+        &self,
+        job: JobId,
+        frame: FrameIndex,
+    ) -> Result<Vec<(FilmTile, PartialHeader)>, StoreError> {
+        use futures::{StreamExt, TryStreamExt};
+        let paths = list(&*self.objects.durable, &partials_path(job, frame)).await?;
+        let read = futures::stream::iter(paths).map(|path| self.read_partials(path)).buffered(READS);
+        let partials: Vec<Vec<_>> = read.try_collect().await?;
+        Ok(partials.into_iter().flatten().collect())
+    }
+
+    async fn read_partials(&self, path: Path) -> Result<Vec<(FilmTile, PartialHeader)>, StoreError> {
+        let Some(bytes) = get(&*self.objects.durable, &path).await? else { return Ok(Vec::new()) };
+        let decoded = tokio::task::spawn_blocking(move || match path.extension() {
+            Some("tar") => {
+                let (files, fault) = batch::unpack(&bytes);
+                if let Some(error) = fault {
+                    warn!(%path, error, "partials are damaged; rendering them again");
+                }
+                files
+                    .iter()
+                    .filter_map(|(name, file)| decode(&path.clone().join(name.as_str()), file))
+                    .collect()
             }
+            _ => decode(&path, &bytes).into_iter().collect(),
+        });
+        Ok(decoded.await.unwrap_or_default())
+    }
+
+    /// Forgets the partials of some tiles, which are rendered again. Those of others stay durable at every moment.
+    pub async fn remove_tiles(
+        &self,
+        job: JobId,
+        frame: FrameIndex,
+        tiles: &[Tile],
+    ) -> Result<(), StoreError> {
+        let objects = &*self.objects.durable;
+        for path in list(objects, &partials_path(job, frame)).await? {
+            let is_concerned = |name: &str| tiles.iter().any(|tile| batch::is_of_tile(name, *tile));
+            if path.extension() == Some("tar") {
+                let (files, _) = batch::unpack(&get(objects, &path).await?.unwrap_or_default());
+                let total = files.len();
+                let rest: Vec<_> = files.into_iter().filter(|(name, _)| !is_concerned(name)).collect();
+                if rest.len() == total {
+                    continue;
+                }
+                if !rest.is_empty() {
+                    let rest = batch::pack(rest.iter().map(|(name, file)| (name.clone(), &file[..])));
+                    self.keep(&partials_path(job, frame).join(self.fresh_name("tar")), rest).await?;
+                }
+            } else if !path.filename().is_some_and(is_concerned) {
+                continue;
+            }
+            self.turn.check(&self.objects).await?;
+            objects.delete(&path).await.map_err(|error| StoreError::object(&path, &error))?;
         }
         Ok(())
     }
 
-    /// Forgets the partials of a frame that is finished.
-    pub fn remove_partials(&self, job: JobId, frame: FrameIndex) {
-        // What is left behind is only in the way of the disk.
-        let _ = std::fs::remove_dir_all(self.partials_folder(job, frame));
+    /// Takes a finished frame away, which is rendered again.
+    pub async fn remove_frame(&self, job: JobId, frame: FrameIndex) -> Result<(), StoreError> {
+        self.turn.check(&self.objects).await?;
+        let path = frame_path(job, frame);
+        match self.objects.durable.delete(&path).await {
+            Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(StoreError::object(&path, &error)),
+        }
     }
 
-    /// Whether files can be written at present.
-    pub fn probe(&self) -> Result<(), StoreError> {
-        Ok(write_file(&self.root.join("probe"), &[0; 1 << 16])?)
+    /// Forgets the partials of a frame that is finished. What is left behind is only in the way of the disk.
+    pub async fn remove_partials(&self, job: JobId, frame: FrameIndex) {
+        if self.turn.check(&self.objects).await.is_ok() {
+            self.remove(list(&*self.objects.durable, &partials_path(job, frame)).await.unwrap_or_default())
+                .await;
+        }
     }
+
+    async fn remove(&self, paths: Vec<Path>) {
+        use futures::StreamExt;
+        let paths = futures::stream::iter(paths.into_iter().map(Ok)).boxed();
+        self.objects.durable.delete_stream(paths).for_each(|_| async {}).await;
+    }
+
+    /// Keeps a finished frame.
+    pub async fn put_frame(&self, job: JobId, frame: FrameIndex, exr: Bytes) -> Result<(), StoreError> {
+        self.keep(&frame_path(job, frame), exr).await
+    }
+
+    /// A finished frame's file.
+    pub async fn frame(&self, job: JobId, frame: FrameIndex) -> Result<Option<Bytes>, StoreError> {
+        get(&*self.objects.durable, &frame_path(job, frame)).await
+    }
+
+    /// Frames of a job that are finished.
+    pub async fn finished_frames(&self, job: JobId) -> Result<BTreeSet<FrameIndex>, StoreError> {
+        let paths = list(&*self.objects.durable, &job_path(job).join("frames")).await?;
+        let frame = |path: &Path| {
+            let number = path.filename()?.strip_prefix("frame.")?.strip_suffix(".exr")?;
+            number.parse().ok().map(FrameIndex)
+        };
+        Ok(paths.iter().filter_map(frame).collect())
+    }
+}
+
+fn scene_path(scene: SceneId) -> Path {
+    Path::from("scenes").join(scene.to_string())
+}
+
+fn piece_path(piece: Digest) -> Path {
+    Path::from("pieces").join(piece.to_string())
+}
+
+fn job_path(job: JobId) -> Path {
+    Path::from("jobs").join(job.to_string())
+}
+
+fn partials_path(job: JobId, frame: FrameIndex) -> Path {
+    job_path(job).join("partials").join(frame.to_string())
+}
+
+/// Where a finished frame is, from the store's root.
+pub fn frame_path(job: JobId, frame: FrameIndex) -> Path {
+    job_path(job).join("frames").join(format!("frame.{:04}.exr", frame.0))
+}
+
+fn decode(path: &Path, bytes: &[u8]) -> Option<(FilmTile, PartialHeader)> {
+    decode_partial(bytes, PartialLimits::default())
+        .inspect_err(|error| warn!(%path, %error, "partial is damaged; rendering it again"))
+        .ok()
 }
 
 /// The store's name, made up once.
-fn session(root: &Path) -> Result<u64, StoreError> {
-    let path = root.join("session");
-    match std::fs::read_to_string(&path) {
-        Ok(text) => {
-            text.trim().parse().map_err(|_| StoreError::Damaged { path, fault: "it is no number".into() })
-        }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            let session = fastrand::u64(..);
-            write_file(&path, session.to_string().as_bytes())?;
-            Ok(session)
-        }
-        Err(error) => Err(StoreError::File { path, error }),
-    }
-}
-
-/// Names in a folder, sorted, so that nothing depends on the file system's order.
-fn names(folder: &Path) -> Result<Vec<std::ffi::OsString>, StoreError> {
-    let read = || -> std::io::Result<Vec<_>> {
-        std::fs::read_dir(folder)?.map(|entry| Ok(entry?.file_name())).collect()
-    };
-    let mut names = read().map_err(|error| StoreError::File { path: folder.to_owned(), error })?;
-    names.sort();
-    Ok(names)
+async fn session(objects: &Objects) -> Result<u64, StoreError> {
+    let path = Path::from("session");
+    create(&*objects.durable, &path, fastrand::u64(..).to_string().into_bytes()).await?;
+    let text = get(&*objects.durable, &path).await?.unwrap_or_default();
+    let number = std::str::from_utf8(&text).ok().and_then(|text| text.trim().parse().ok());
+    number.ok_or_else(|| StoreError::Damaged { path: path.to_string(), fault: "it is no number".to_owned() })
 }
 
 #[cfg(test)]

@@ -47,63 +47,149 @@ fn partial(unit: &WorkUnit) -> Vec<u8> {
     encode_partial(&FilmTile::new(unit.tile, unit.block, vec![[1.5; 3]; 64]), &header)
 }
 
-#[test]
-fn what_was_put_is_there_after_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
+fn halves(scene: &[u8]) -> [Digest; 2] {
+    [pieces::digest(&scene[..2]), pieces::digest(&scene[2..])]
+}
+
+fn folder(place: &tempfile::TempDir) -> StoreLocation {
+    StoreLocation::Folder(place.path().to_owned())
+}
+
+async fn open(place: &tempfile::TempDir) -> Store {
+    Store::open(&folder(place), Patience::Leave).await.unwrap()
+}
+
+fn starts(partials: &[(FilmTile, PartialHeader)]) -> Vec<u64> {
+    let mut starts: Vec<_> = partials.iter().map(|(tile, _)| tile.block().start()).collect();
+    starts.sort();
+    starts
+}
+
+#[tokio::test]
+async fn what_was_put_is_there_after_a_restart() {
+    let place = tempfile::tempdir().unwrap();
+    let (frame, scene) = (FrameIndex(2), Bytes::from("scene"));
     let session = {
-        let store = Store::open(folder.path()).unwrap();
-        store.put_job(&job(10)).unwrap();
-        store.put_job(&job(9)).unwrap();
-        store.put_scene(SceneId::of(b"scene"), b"scene").unwrap();
-        store.put_partial(JobId(9), &unit(0), &partial(&unit(0))).unwrap();
-        store.put_partial(JobId(9), &unit(16), &partial(&unit(16))).unwrap();
+        let store = open(&place).await;
+        for number in [10, 9] {
+            assert!(store.create_job(JobId(number), &job(number).spec).await.unwrap());
+            store.put_state(&job(number)).await.unwrap();
+        }
+        assert!(!store.create_job(JobId(9), &job(9).spec).await.unwrap(), "the number is taken");
+        store.put_piece(scene.slice(..2)).await.unwrap();
+        store.put_piece(scene.slice(2..)).await.unwrap();
+        store.put_scene(SceneId::of(&scene), &halves(&scene)).await.unwrap();
+        let keep = async |units: &[WorkUnit]| {
+            let partials: Vec<_> = units.iter().map(|unit| (unit, partial(unit).into())).collect();
+            store.put_partials(JobId(9), frame, &partials).await.unwrap();
+        };
+        keep(&[unit(0)]).await;
+        keep(&[unit(16), unit(32), unit(48)]).await;
+        store.put_frame(JobId(9), FrameIndex(1), Bytes::from("exr")).await.unwrap();
         store.session()
     };
-    let store = Store::open(folder.path()).unwrap();
+    let store = open(&place).await;
     assert_eq!(store.session(), session);
-    assert_eq!(store.jobs().unwrap(), [job(9), job(10)]);
-    assert_eq!(store.scene(SceneId::of(b"scene")).unwrap(), b"scene");
-    let blocks: Vec<_> =
-        store.partials(JobId(9), FrameIndex(2)).iter().map(|(tile, _)| tile.block().start()).collect();
-    assert_eq!(blocks, [0, 16]);
-    store.remove_partials(JobId(9), FrameIndex(2));
-    assert!(store.partials(JobId(9), FrameIndex(2)).is_empty());
+    assert_eq!(store.jobs().await.unwrap(), [job(9), job(10)]);
+    assert_eq!(store.scene(SceneId::of(&scene)).await, Some(scene));
+    assert_eq!(store.begun_frames(JobId(9)).await.unwrap(), BTreeSet::from([frame]));
+    assert_eq!(store.finished_frames(JobId(9)).await.unwrap(), BTreeSet::from([FrameIndex(1)]));
+    assert_eq!(starts(&store.partials(JobId(9), frame).await.unwrap()), [0, 16, 32, 48]);
+    store.remove_partials(JobId(9), frame).await;
+    assert!(store.begun_frames(JobId(9)).await.unwrap().is_empty());
 }
 
-#[test]
-fn tiles_are_forgotten_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = Store::open(folder.path()).unwrap();
-    let other = WorkUnit { tile: Tile::new(0, 8, 8, 16).unwrap(), ..unit(0) };
-    for unit in [unit(0), unit(16), other] {
-        store.put_partial(JobId(1), &unit, &partial(&unit)).unwrap();
+#[tokio::test]
+async fn tiles_are_forgotten_alone() {
+    let place = tempfile::tempdir().unwrap();
+    let store = open(&place).await;
+    let frame = FrameIndex(2);
+    let other = |start| WorkUnit { tile: Tile::new(0, 8, 8, 16).unwrap(), ..unit(start) };
+    for together in [vec![unit(0)], vec![other(0)], vec![unit(16), other(16)], vec![unit(32), unit(48)]] {
+        let partials: Vec<_> = together.iter().map(|unit| (unit, partial(unit).into())).collect();
+        store.put_partials(JobId(1), frame, &partials).await.unwrap();
     }
-    store.remove_tiles(JobId(1), FrameIndex(2), &[unit(0).tile]).unwrap();
-    store.remove_tiles(JobId(1), FrameIndex(3), &[unit(0).tile]).unwrap();
-    let left: Vec<_> = store.partials(JobId(1), FrameIndex(2)).iter().map(|(tile, _)| tile.tile()).collect();
-    assert_eq!(left, [other.tile]);
+    store.remove_tiles(JobId(1), frame, &[unit(0).tile]).await.unwrap();
+    store.remove_tiles(JobId(1), FrameIndex(3), &[unit(0).tile]).await.unwrap();
+    let left = store.partials(JobId(1), frame).await.unwrap();
+    assert!(left.iter().all(|(tile, _)| tile.tile() == other(0).tile));
+    assert_eq!(starts(&left), [0, 16]);
+    store.put_frame(JobId(1), frame, Bytes::from("exr")).await.unwrap();
+    store.remove_frame(JobId(1), frame).await.unwrap();
+    store.remove_frame(JobId(1), frame).await.unwrap();
+    assert_eq!(store.frame(JobId(1), frame).await.unwrap(), None);
 }
 
-#[test]
-fn two_coordinators_never_write_to_one_store() {
-    let folder = tempfile::tempdir().unwrap();
-    let first = Store::open(folder.path()).unwrap();
-    assert!(matches!(Store::open(folder.path()), Err(StoreError::InUse(_))));
+#[tokio::test]
+async fn the_latest_state_counts() {
+    let place = tempfile::tempdir().unwrap();
+    for (epoch, state) in [JobState::Running, JobState::Paused, JobState::Cancelled].into_iter().enumerate() {
+        let store = open(&place).await;
+        store.create_job(JobId(1), &job(1).spec).await.unwrap();
+        for priority in [-3, 8] {
+            let mut job = StoredJob { state, ..job(1) };
+            job.spec.priority = priority;
+            store.put_state(&job).await.unwrap();
+            assert_eq!(store.jobs().await.unwrap(), [job], "turn {epoch}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn two_coordinators_never_write_to_one_store() {
+    let place = tempfile::tempdir().unwrap();
+    let first = open(&place).await;
+    let second = Store::open(&folder(&place), Patience::Leave).await;
+    assert!(matches!(second.err(), Some(StoreError::InUse(_))));
     drop(first);
-    assert!(Store::open(folder.path()).is_ok());
+    open(&place).await;
 }
 
-#[test]
-fn damage_is_noticed() {
-    let folder = tempfile::tempdir().unwrap();
-    let store = Store::open(folder.path()).unwrap();
+#[tokio::test]
+async fn a_coordinator_whose_turn_is_over_keeps_nothing_more() {
+    let place = tempfile::tempdir().unwrap();
+    let stale = open(&place).await;
+    stale.put_frame(JobId(1), FrameIndex(0), Bytes::from("mine")).await.unwrap();
+    // Someone took it for dead.
+    let heir = br#"{"host":"elsewhere","process":7}"#;
+    std::fs::write(place.path().join("epochs/0000000002.json"), heir).unwrap();
+    let refused = stale.put_frame(JobId(1), FrameIndex(1), Bytes::from("late")).await.unwrap_err();
+    assert!(refused.to_string().contains("taken over the store (process 7 on elsewhere)"), "{refused}");
+    assert!(matches!(stale.put_state(&job(1)).await, Err(StoreError::TurnOver(_))));
+    assert!(stale.lost().borrow().is_some());
+    tokio::time::sleep(std::time::Duration::from_millis(1100)).await;
+    assert!(stale.put_frame(JobId(1), FrameIndex(2), Bytes::from("later")).await.is_err());
+    assert!(!place.path().join("jobs/1/frames/frame.0002.exr").exists(), "it does not even try any more");
+}
+
+#[tokio::test]
+async fn what_was_being_written_at_a_crash_is_swept_away() {
+    let place = tempfile::tempdir().unwrap();
+    drop(open(&place).await);
+    let folder = place.path().join("jobs/1/partials/2");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("0-0-0-16.exr#1"), b"half").unwrap();
+    let store = open(&place).await;
+    assert!(store.partials(JobId(1), FrameIndex(2)).await.unwrap().is_empty());
+    assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 0);
+}
+
+#[tokio::test]
+async fn damage_is_noticed() {
+    let place = tempfile::tempdir().unwrap();
+    let store = open(&place).await;
     let scene = SceneId::of(b"scene");
-    store.put_scene(scene, b"scene").unwrap();
-    std::fs::write(folder.path().join("scenes").join(scene.to_string()), b"other").unwrap();
-    assert!(store.scene(scene).is_none());
-    store.put_partial(JobId(1), &unit(0), &partial(&unit(0))[..100]).unwrap();
-    assert!(store.partials(JobId(1), FrameIndex(2)).is_empty());
-    store.put_job(&job(1)).unwrap();
-    std::fs::write(folder.path().join("jobs/1/job.json"), b"{").unwrap();
-    assert!(store.jobs().unwrap_err().to_string().contains("job.json"));
+    let whole = [pieces::digest(b"scene")];
+    store.put_piece(Bytes::from("scene")).await.unwrap();
+    store.put_scene(scene, &whole).await.unwrap();
+    std::fs::write(place.path().join("pieces").join(whole[0].to_string()), b"other").unwrap();
+    assert!(store.scene(scene).await.is_none());
+    let cut = |unit: &WorkUnit| Bytes::from(partial(unit)).slice(..100);
+    store.put_partials(JobId(1), FrameIndex(2), &[(&unit(0), cut(&unit(0)))]).await.unwrap();
+    let mixed = [(&unit(16), cut(&unit(16))), (&unit(32), partial(&unit(32)).into())];
+    store.put_partials(JobId(1), FrameIndex(2), &mixed).await.unwrap();
+    assert_eq!(starts(&store.partials(JobId(1), FrameIndex(2)).await.unwrap()), [32]);
+    store.create_job(JobId(1), &job(1).spec).await.unwrap();
+    std::fs::write(place.path().join("jobs/1/job.json"), b"{").unwrap();
+    assert!(store.jobs().await.unwrap_err().to_string().contains("job.json"));
 }

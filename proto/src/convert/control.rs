@@ -3,7 +3,7 @@
 use super::{ConvertError, seconds, text};
 use crate::v1;
 use farm_job::{JobId, JobSpec, JobState, WorkerId};
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// One job as it is now.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +47,67 @@ pub struct WorkerView {
     pub samples_per_s: f64,
     /// `working`, `idle`, `draining`, or why it gets nothing.
     pub state: String,
+}
+
+/// Something that has happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LogView {
+    /// When; to the millisecond once it has travelled.
+    pub at: SystemTime,
+    /// What, for people.
+    pub text: String,
+}
+
+/// What one who watches a job is told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WatchView {
+    /// The job as it is now.
+    pub job: JobView,
+    /// Everybody who is connected.
+    pub workers: Vec<WorkerView>,
+    /// What has happened since the last time.
+    pub log: Vec<LogView>,
+}
+
+impl From<LogView> for v1::LogEntry {
+    fn from(entry: LogView) -> Self {
+        let since = entry.at.duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { unix_ms: u64::try_from(since.as_millis()).unwrap_or(u64::MAX), text: entry.text }
+    }
+}
+
+impl TryFrom<v1::LogEntry> for LogView {
+    type Error = ConvertError;
+
+    fn try_from(entry: v1::LogEntry) -> Result<Self, ConvertError> {
+        let at = UNIX_EPOCH.checked_add(Duration::from_millis(entry.unix_ms));
+        Ok(Self {
+            at: at.ok_or(ConvertError::Missing("moment of a log entry"))?,
+            text: text("log entry", entry.text)?,
+        })
+    }
+}
+
+impl From<WatchView> for v1::WatchUpdate {
+    fn from(view: WatchView) -> Self {
+        Self {
+            job: Some(view.job.into()),
+            workers: view.workers.into_iter().map(Into::into).collect(),
+            log: view.log.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl TryFrom<v1::WatchUpdate> for WatchView {
+    type Error = ConvertError;
+
+    fn try_from(update: v1::WatchUpdate) -> Result<Self, ConvertError> {
+        Ok(Self {
+            job: update.job.ok_or(ConvertError::Missing("job status"))?.try_into()?,
+            workers: update.workers.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+            log: update.log.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+        })
+    }
 }
 
 impl From<JobView> for v1::JobStatus {

@@ -1,0 +1,217 @@
+//! Makes results durable before anything is acknowledged: what waits is put together, as one put costs the same for one
+//! result as for hundreds. While the store fails, results are held and tried again.
+
+use crate::assembly::{Claimed, Report, StorePart, Task};
+use crate::store::{Store, StoreError};
+use farm_film::{FrameIndex, Tile};
+use farm_job::JobId;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::task::JoinSet;
+
+/// Results in one object at most, and their bytes: what is lost when one object is damaged, and has to be held in memory
+/// twice while it is packed.
+const BATCH_MAX: usize = 1024;
+const BATCH_BYTES_MAX: usize = 32 << 20;
+
+/// Bytes of results that wait for the store. Beyond this they are turned away, and rendered again when the store works.
+const WAITING_BYTES_MAX: usize = 1 << 30;
+
+/// Pause before a store that failed is tried again.
+const RETRY_AFTER: Duration = Duration::from_secs(1);
+
+enum Order {
+    Keep(Box<Claimed>),
+    Reopen(JobId, FrameIndex, Vec<Tile>),
+}
+
+/// Takes results that are to be kept.
+pub struct Keeper {
+    inbox: mpsc::UnboundedSender<Order>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+impl Keeper {
+    /// Starts to keep results in `store`, each of which goes on to `assembly` when it is durable.
+    pub fn start(
+        store: Arc<Store>,
+        assembly: mpsc::Sender<Task>,
+        reports: mpsc::UnboundedSender<Report>,
+    ) -> Self {
+        // Bounded by the bytes in it.
+        let (inbox, orders) = mpsc::unbounded_channel();
+        let waiting_bytes = Arc::new(AtomicUsize::new(0));
+        let desk = Desk {
+            store,
+            assembly,
+            reports,
+            waiting: BTreeMap::new(),
+            turns: VecDeque::new(),
+            waiting_bytes: waiting_bytes.clone(),
+            fails: false,
+        };
+        tokio::spawn(desk.run(orders));
+        Self { inbox, waiting_bytes }
+    }
+
+    /// Keeps a result; gives it back when there is no room for it.
+    pub fn keep(&self, claimed: Box<Claimed>) -> Result<(), Box<Claimed>> {
+        let bytes = claimed.partial_exr.len();
+        if self.waiting_bytes.fetch_add(bytes, Ordering::Relaxed) + bytes > WAITING_BYTES_MAX {
+            self.waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
+            return Err(claimed);
+        }
+        // The desk lives as long as the program.
+        let _ = self.inbox.send(Order::Keep(claimed));
+        Ok(())
+    }
+
+    /// Forgets what is kept of some tiles, which are rendered again, and lets the assembly forget it.
+    pub fn reopen(&self, job: JobId, frame: FrameIndex, tiles: Vec<Tile>) {
+        let _ = self.inbox.send(Order::Reopen(job, frame, tiles));
+    }
+}
+
+/// Results of one frame go together.
+type Key = (JobId, FrameIndex);
+
+struct Desk {
+    store: Arc<Store>,
+    assembly: mpsc::Sender<Task>,
+    reports: mpsc::UnboundedSender<Report>,
+    waiting: BTreeMap<Key, VecDeque<Claimed>>,
+    /// Frames of which results wait, the longest waiting first.
+    turns: VecDeque<Key>,
+    waiting_bytes: Arc<AtomicUsize>,
+    fails: bool,
+}
+
+/// A put that has ended.
+struct Ended {
+    batch: Vec<Claimed>,
+    outcome: Result<(), StoreError>,
+}
+
+impl Desk {
+    async fn run(mut self, mut orders: mpsc::UnboundedReceiver<Order>) {
+        let mut puts = JoinSet::new();
+        loop {
+            tokio::select! {
+                order = orders.recv() => match order {
+                    Some(order) => self.obey(order, &mut puts).await,
+                    None => return,
+                },
+                Some(Ok(ended)) = puts.join_next() => self.ended(ended).await,
+            }
+            while let Ok(order) = orders.try_recv() {
+                self.obey(order, &mut puts).await;
+            }
+            self.begin_puts(&mut puts);
+        }
+    }
+
+    async fn obey(&mut self, order: Order, puts: &mut JoinSet<Ended>) {
+        match order {
+            Order::Keep(claimed) => self.file(*claimed),
+            Order::Reopen(job, frame, tiles) => {
+                // What came before must be there, so that it goes, too.
+                self.begin_puts(puts);
+                while let Some(Ok(ended)) = puts.join_next().await {
+                    self.ended(ended).await;
+                    self.begin_puts(puts);
+                }
+                self.remove_tiles(job, frame, &tiles).await;
+                let _ = self.assembly.send(Task::Reopen(job, frame, tiles)).await;
+            }
+        }
+    }
+
+    fn begin_puts(&mut self, puts: &mut JoinSet<Ended>) {
+        // A store that fails is tried with one put at a time.
+        let puts_max = if self.fails { 1 } else { self.store.puts() };
+        while puts.len() < puts_max
+            && let Some(batch) = self.next_batch()
+        {
+            let pause = if self.fails { RETRY_AFTER } else { Duration::ZERO };
+            puts.spawn(put(self.store.clone(), batch, pause));
+        }
+    }
+
+    /// What is left behind would be merged again after a restart; so it must go.
+    async fn remove_tiles(&mut self, job: JobId, frame: FrameIndex, tiles: &[Tile]) {
+        while let Err(error) = self.store.remove_tiles(job, frame, tiles).await {
+            if matches!(error, StoreError::TurnOver(_)) {
+                return;
+            }
+            self.fails = true;
+            let _ = self.reports.send(Report::Store(StorePart::Partials, Err(error.to_string())));
+            tokio::time::sleep(RETRY_AFTER).await;
+        }
+        self.works();
+    }
+
+    fn works(&mut self) {
+        if std::mem::take(&mut self.fails) {
+            let _ = self.reports.send(Report::Store(StorePart::Partials, Ok(())));
+        }
+    }
+
+    fn file(&mut self, claimed: Claimed) {
+        let key = (claimed.delivery.job, claimed.delivery.unit.frame);
+        let waiting = self.waiting.entry(key).or_default();
+        if waiting.is_empty() {
+            self.turns.push_back(key);
+        }
+        waiting.push_back(claimed);
+    }
+
+    fn next_batch(&mut self) -> Option<Vec<Claimed>> {
+        let key = self.turns.pop_front()?;
+        let waiting = self.waiting.get_mut(&key).expect("frames have turns while results of theirs wait");
+        let (mut batch, mut bytes) = (Vec::new(), 0);
+        while let Some(next) = waiting.front()
+            && (batch.is_empty()
+                || (batch.len() < BATCH_MAX && bytes + next.partial_exr.len() <= BATCH_BYTES_MAX))
+        {
+            bytes += next.partial_exr.len();
+            batch.extend(waiting.pop_front());
+        }
+        if waiting.is_empty() {
+            self.waiting.remove(&key);
+        } else {
+            self.turns.push_back(key);
+        }
+        Some(batch)
+    }
+
+    async fn ended(&mut self, Ended { batch, outcome }: Ended) {
+        match outcome {
+            Ok(()) => {
+                self.works();
+                for claimed in batch {
+                    self.waiting_bytes.fetch_sub(claimed.partial_exr.len(), Ordering::Relaxed);
+                    let _ = self.assembly.send(Task::Add(Box::new(claimed))).await;
+                }
+            }
+            // The program is about to end; the workers keep what they have for whoever comes next.
+            Err(StoreError::TurnOver(_)) => {}
+            Err(error) => {
+                self.fails = true;
+                let _ = self.reports.send(Report::Store(StorePart::Partials, Err(error.to_string())));
+                batch.into_iter().for_each(|claimed| self.file(claimed));
+            }
+        }
+    }
+}
+
+async fn put(store: Arc<Store>, batch: Vec<Claimed>, pause: Duration) -> Ended {
+    tokio::time::sleep(pause).await;
+    let (job, frame) = (batch[0].delivery.job, batch[0].delivery.unit.frame);
+    let partials: Vec<_> =
+        batch.iter().map(|claimed| (&claimed.delivery.unit, claimed.partial_exr.clone())).collect();
+    let outcome = store.put_partials(job, frame, &partials).await;
+    Ended { batch, outcome }
+}
