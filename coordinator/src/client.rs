@@ -28,6 +28,14 @@ fn fault(status: Status) -> Fault {
     }
 }
 
+/// A coordinator that is killed or ends leaves one of these behind, or no answer at all.
+fn gone_or_fault<T>(status: Status) -> Result<Option<T>, Fault> {
+    match status.code() {
+        Code::Unavailable | Code::Unknown | Code::Internal | Code::Cancelled => Ok(None),
+        _ => Err(fault(status)),
+    }
+}
+
 fn nonsense(err: ConvertError) -> Fault {
     Fault::failed(format!("coordinator sent nonsense: {err}"))
 }
@@ -84,18 +92,29 @@ impl Client {
         jobs.into_iter().map(|job| JobView::try_from(job).map_err(nonsense)).collect()
     }
 
-    /// Shows every change of a job until its end; gives the last.
-    pub async fn watch(&mut self, job: JobId, mut show: impl FnMut(&WatchView)) -> Result<WatchView, Fault> {
-        let request = v1::WatchRequest { job: job.0 };
-        let mut updates = self.control.watch(request).await.map_err(fault)?.into_inner();
-        let mut last = None;
-        while let Some(update) = updates.message().await.map_err(fault)? {
+    /// Shows every change of a job until its end; gives the last. None when the coordinator goes away before: the next call
+    /// finds it again when it is back.
+    pub async fn watch(
+        &mut self,
+        job: JobId,
+        mut show: impl FnMut(&WatchView),
+    ) -> Result<Option<WatchView>, Fault> {
+        let mut updates = match self.control.watch(v1::WatchRequest { job: job.0 }).await {
+            Ok(answer) => answer.into_inner(),
+            Err(status) => return gone_or_fault(status),
+        };
+        loop {
+            let update = match updates.message().await {
+                Ok(Some(update)) => update,
+                Ok(None) => return Ok(None),
+                Err(status) => return gone_or_fault(status),
+            };
             let view = WatchView::try_from(update).map_err(nonsense)?;
             show(&view);
-            last = Some(view);
+            if view.job.state.is_final() {
+                return Ok(Some(view));
+            }
         }
-        last.filter(|view| view.job.state.is_final())
-            .ok_or_else(|| Fault::failed("the coordinator went away; the job goes on when it is back"))
     }
 
     /// Gives a job up.

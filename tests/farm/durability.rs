@@ -1,6 +1,6 @@
 //! Acknowledged is durable: programs are killed, stopped and woken, disks fill up, and the picture is the same.
 
-use crate::harness::{Place, Running, joining};
+use crate::harness::{Place, Running, coordinator, joining};
 use crate::server::{PICTURE, Server};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,6 +16,9 @@ fn a_coordinator_killed_ten_times_in_one_frame_goes_on_where_it_was() {
     let address = server.address.clone();
     let job = server.submit(&place, &PICTURE);
     let mut worker = joining(&address, "loyal");
+    let mut watch = coordinator();
+    watch.args(["watch", &job, "--to", &address]);
+    let watch = Running::start(watch);
     let (mut kills, mut done) = (0, 0);
     while kills < 10 {
         let before = server.wait_for_more(&job, done);
@@ -35,6 +38,8 @@ fn a_coordinator_killed_ten_times_in_one_frame_goes_on_where_it_was() {
     assert!(kills >= 5, "the frame was done after {kills} kills: there was no middle of it");
     assert_eq!(server.difference(&place, &job), 0.0);
     assert!(worker.is_running(), "a restart is no error, only a wait");
+    let watched = watch.wait();
+    assert!(watched.status.success() && watched.stderr.contains("waiting for it"), "{}", watched.stderr);
     let end = server.status(&job);
     assert_eq!((&end["state"], &end["samples_done"]), (&"done".into(), &end["samples_total"]));
 }

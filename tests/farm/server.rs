@@ -3,12 +3,20 @@
 use crate::harness::{Place, Running, Said, coordinator, render, run};
 use serde_json::Value;
 use std::process::Command;
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 /// A picture that takes seconds, so that there is a middle of it.
 pub const PICTURE: [&str; 6] = ["--resolution", "96x64", "--spp", "256", "--tile", "16"];
 
-/// A program of this one's kind that serves.
+/// What [`PICTURE`] looks like when one process renders it: rendered once for all stories.
+static ALONE: LazyLock<Place> = LazyLock::new(|| {
+    let place = Place::new();
+    run(render(&place, "alone.exr", &PICTURE)).json();
+    place
+});
+
+/// A coordinator under way, and where it is.
 pub struct Server {
     pub running: Running,
     pub address: String,
@@ -88,9 +96,8 @@ impl Server {
         watch.args(["watch", job, "--to", &self.address]);
         let said = run(watch);
         assert!(said.status.success(), "{}", said.stderr);
-        let (fetched, alone) = (place.path("fetched.exr"), place.path("alone.exr"));
+        let (fetched, alone) = (place.path("fetched.exr"), ALONE.path("alone.exr"));
         self.ask(&["fetch", job, "-o", fetched.to_str().unwrap()]).json();
-        run(render(place, "alone.exr", &PICTURE)).json();
         let mut compare = coordinator();
         compare.arg("compare").arg(&fetched).arg(alone).arg("--json");
         run(compare).json()["max_abs"].clone()

@@ -11,19 +11,39 @@ use serde_json::{Value, json};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant, UNIX_EPOCH};
 
+/// A coordinator that went away is looked for this often, and for this long.
+const TRY_AGAIN_EVERY: Duration = Duration::from_secs(1);
+const GONE_MAX: Duration = Duration::from_secs(120);
+
 /// Where there is no terminal, a line this often unless something happens.
 const LINE_EVERY: Duration = Duration::from_secs(2);
 
-/// Shows a job's progress and what happens to it; an end other than done is a failure.
+/// Shows a job's progress and what happens to it; an end other than done is a failure. A coordinator that restarts is waited
+/// for.
 pub async fn watch(client: &mut Client, job: JobId, json: bool) -> Result<(), Fault> {
     let mut screen = Screen::new();
-    let last = client
-        .watch(job, |view| match json {
-            // A line that cannot be printed is no reason to stop the job.
-            true => drop(print_json(&watch_json(view))),
-            false => screen.show(view),
-        })
-        .await?;
+    let mut heard = Instant::now();
+    let mut is_gone = false;
+    let last = loop {
+        let watched = client.watch(job, |view| {
+            (heard, is_gone) = (Instant::now(), false);
+            match json {
+                // A line that cannot be printed is no reason to stop the job.
+                true => drop(print_json(&watch_json(view))),
+                false => screen.show(view),
+            }
+        });
+        if let Some(last) = watched.await? {
+            break last;
+        }
+        if heard.elapsed() > GONE_MAX {
+            return Err(Fault::failed("the coordinator went away; the job goes on when it is back"));
+        }
+        if !std::mem::replace(&mut is_gone, true) {
+            screen.tell("the coordinator went away; waiting for it");
+        }
+        tokio::time::sleep(TRY_AGAIN_EVERY).await;
+    };
     screen.bar.finish_and_clear();
     match last.job.state {
         JobState::Done => Ok(()),
@@ -48,11 +68,12 @@ impl Screen {
         Self { bar, terminal, last_line: None }
     }
 
+    fn tell(&self, line: &str) {
+        if self.terminal { self.bar.println(line) } else { eprintln!("{line}") }
+    }
+
     fn show(&mut self, view: &WatchView) {
-        for entry in &view.log {
-            let line = log_line(entry);
-            if self.terminal { self.bar.println(line) } else { eprintln!("{line}") }
-        }
+        view.log.iter().for_each(|entry| self.tell(&log_line(entry)));
         let job = &view.job;
         let working = view.workers.iter().filter(|worker| worker.state == "working").count();
         let line = format!("{}  {working} of {} workers at work", job_line(job), view.workers.len());
