@@ -4,6 +4,7 @@
 //! gives the same bits everywhere, and a map and its inverse agree far below f32 resolution.
 
 use glam::{DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
+use std::sync;
 
 use crate::math;
 
@@ -151,14 +152,14 @@ impl TransformKey {
     }
 }
 
-/// A place for every moment of the shutter: fixed, or keys spread uniformly over it.
+/// A place for every moment of the shutter: fixed, or keys spread uniformly over each piece between jumps.
 #[derive(Clone, Debug)]
 pub struct MotionTransform(Kind);
 
 #[derive(Clone, Debug)]
 enum Kind {
     Static(Affine),
-    Keyed { keys: Vec<TransformKey>, arcs: Vec<Arc> },
+    Keyed { keys: Vec<TransformKey>, arcs: Vec<Arc>, jumps: Jumps },
 }
 
 /// The shorter great arc between two unit quaternions: `q0 cos(f angle) + side sin(f angle)`.
@@ -180,12 +181,20 @@ impl MotionTransform {
     /// # Panics
     /// Without any key.
     pub fn from_keys(keys: Vec<TransformKey>) -> Self {
+        Self::with_jumps(keys, Jumps::default())
+    }
+
+    /// The same number of keys in each of the pieces that `jumps` cut the shutter into; see [`Jumps`].
+    ///
+    /// # Panics
+    /// Without any key.
+    pub fn with_jumps(keys: Vec<TransformKey>, jumps: Jumps) -> Self {
         assert!(!keys.is_empty(), "a moving place has at least one key");
         if keys.iter().all(|key| *key == keys[0]) {
             return Self::fixed(keys[0].affine());
         }
         let arcs = keys.windows(2).map(|pair| Arc::between(pair[0].rotation, pair[1].rotation)).collect();
-        Self(Kind::Keyed { keys, arcs })
+        Self(Kind::Keyed { keys, arcs, jumps })
     }
 
     /// The place, if it does not change.
@@ -202,8 +211,8 @@ impl MotionTransform {
     pub fn at(&self, u: f32) -> Affine {
         match &self.0 {
             Kind::Static(affine) => *affine,
-            Kind::Keyed { keys, arcs } => {
-                let (segment, f) = segment_at(u, arcs.len());
+            Kind::Keyed { keys, arcs, jumps } => {
+                let (segment, f) = jumps.segment_at(u, keys.len());
                 let (a, b, f) = (&keys[segment], &keys[segment + 1], f64::from(f));
                 let lerp = |a: DVec3, b: DVec3| a * (1.0 - f) + b * f;
                 let stretch = DMat3::from_cols(
@@ -219,11 +228,19 @@ impl MotionTransform {
         }
     }
 
-    /// Number of segments between keys; none for a fixed place.
-    pub fn segments(&self) -> usize {
+    /// The segments between keys, by the index of their first key, with their ends in time; none for a fixed place.
+    pub(crate) fn segments(&self) -> Vec<(usize, [f32; 2])> {
         match &self.0 {
-            Kind::Static(_) => 0,
-            Kind::Keyed { arcs, .. } => arcs.len(),
+            Kind::Static(_) => Vec::new(),
+            Kind::Keyed { keys, jumps, .. } => jumps.segments(keys.len()),
+        }
+    }
+
+    /// Where it jumps; nowhere if it is fixed.
+    pub(crate) fn jumps(&self) -> &[f32] {
+        match &self.0 {
+            Kind::Static(_) => &[],
+            Kind::Keyed { jumps, .. } => &jumps.0,
         }
     }
 
@@ -231,7 +248,7 @@ impl MotionTransform {
     pub(crate) fn bend(&self, segment: usize) -> (f64, Mat3, Mat3) {
         match &self.0 {
             Kind::Static(affine) => (0.0, affine.linear, affine.linear),
-            Kind::Keyed { keys, arcs } => {
+            Kind::Keyed { keys, arcs, .. } => {
                 (2.0 * arcs[segment].angle, keys[segment].stretch, keys[segment + 1].stretch)
             }
         }
@@ -268,9 +285,66 @@ impl Arc {
     }
 }
 
-/// The segment that holds time `u` of `segments` uniform ones, and the place within it in [0, 1].
+/// Times within the shutter, in (0, 1) and ascending, at which things are somewhere else from one moment to the next. They cut the
+/// shutter into pieces, each with as many keys as the others, spread uniformly over it; the last key of a piece is how things are just
+/// before the jump, the first of the next how they are from then on. Nothing is interpolated across.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Jumps(sync::Arc<[f32]>);
+
+impl Jumps {
+    /// # Panics
+    /// When the times are not ascending within (0, 1).
+    pub fn new(times: &[f32]) -> Self {
+        let ends = [0.0].iter().chain(times).zip(times.iter().chain(&[1.0]));
+        assert!(ends.clone().all(|(a, b)| a < b), "jumps ascend within the shutter");
+        Self(times.into())
+    }
+
+    /// The first key of the segment that holds time `u` among `keys`, and the place within it in [0, 1].
+    #[inline]
+    pub fn segment_at(&self, u: f32, keys: usize) -> (usize, f32) {
+        if self.0.is_empty() {
+            return uniform_segment(u, keys - 1);
+        }
+        let piece = self.0.partition_point(|&jump| jump <= u);
+        let [from, to] = self.piece(piece);
+        let per_piece = keys / self.pieces();
+        let (segment, f) = uniform_segment((u - from) / (to - from), per_piece - 1);
+        (piece * per_piece + segment, f)
+    }
+
+    /// Pieces of the shutter.
+    pub fn pieces(&self) -> usize {
+        self.0.len() + 1
+    }
+
+    /// When the key `key` of `keys` holds. At the end of a piece that is the last moment before the jump.
+    pub(crate) fn key_time(&self, key: usize, keys: usize) -> f32 {
+        let per_piece = keys / self.pieces();
+        let (piece, step) = (key / per_piece, key % per_piece);
+        let [from, to] = self.piece(piece);
+        if step > 0 && step + 1 == per_piece && piece + 1 < self.pieces() {
+            return to.next_down();
+        }
+        from + (to - from) * (step as f32 / (per_piece.max(2) - 1) as f32)
+    }
+
+    /// The segments of `keys`: the index of the first key, and both ends in time.
+    pub(crate) fn segments(&self, keys: usize) -> Vec<(usize, [f32; 2])> {
+        let per_piece = keys / self.pieces();
+        let ends = |key: usize| (key, [self.key_time(key, keys), self.key_time(key + 1, keys)]);
+        (0..keys).filter(|key| key % per_piece + 1 < per_piece).map(ends).collect()
+    }
+
+    fn piece(&self, piece: usize) -> [f32; 2] {
+        let from = if piece == 0 { 0.0 } else { self.0[piece - 1] };
+        [from, self.0.get(piece).copied().unwrap_or(1.0)]
+    }
+}
+
+/// The segment that holds `u` of `segments` uniform ones, and the place within it in [0, 1].
 #[inline]
-pub fn segment_at(u: f32, segments: usize) -> (usize, f32) {
+fn uniform_segment(u: f32, segments: usize) -> (usize, f32) {
     let x = u.clamp(0.0, 1.0) * segments as f32;
     let segment = (x as usize).min(segments - 1);
     (segment, x - segment as f32)
@@ -369,6 +443,22 @@ mod tests {
                 assert!((there.point(axis) - key.point(axis)).length() < 1e-6);
             }
         }
+    }
+
+    #[test]
+    fn nothing_is_between_the_ends_of_a_jump() {
+        let at = |x: f32| TransformKey { translation: Vec3::X * x, ..key(Quat::IDENTITY) };
+        // Two keys in each of three pieces: still, moving, still again.
+        let keys = [0.0, 0.0, 5.0, 7.0, -1.0, -1.0].map(at).to_vec();
+        let jumps = Jumps::new(&[0.25, 0.75]);
+        let motion = MotionTransform::with_jumps(keys.clone(), jumps.clone());
+        let x = |u: f32| motion.at(u).translation.x;
+        assert_eq!([0.0, 0.2, 0.25f32.next_down()].map(x), [0.0; 3]);
+        assert_eq!([0.25, 0.5, 0.75, 1.0].map(x), [5.0, 6.0, -1.0, -1.0]);
+        assert!((x(0.75f32.next_down()) - 7.0).abs() < 1e-5);
+        let times: Vec<f32> = (0..6).map(|key| jumps.key_time(key, 6)).collect();
+        assert_eq!(times, [0.0, 0.25f32.next_down(), 0.25, 0.75f32.next_down(), 0.75, 1.0]);
+        assert_eq!(motion.segments().iter().map(|(key, _)| *key).collect::<Vec<_>>(), [0, 2, 4]);
     }
 
     #[test]

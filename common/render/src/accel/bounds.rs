@@ -92,12 +92,12 @@ impl MovingBox {
         Self { open: b, close: b }
     }
 
-    /// A moving box around boxes at times `0, 1/(n-1), .. 1`, between which everything moves on straight lines.
-    pub fn around(boxes: &[Box3]) -> Self {
-        let (mut open, mut close) = (boxes[0], boxes[boxes.len() - 1]);
+    /// A moving box around boxes with their times, in order, between which everything moves on straight lines; or jumps, where no
+    /// time is between.
+    pub fn around(boxes: &[(f32, Box3)]) -> Self {
+        let (mut open, mut close) = (boxes[0].1, boxes[boxes.len() - 1].1);
         let (mut down, mut up) = (Vec3::ZERO, Vec3::ZERO);
-        for (i, b) in boxes.iter().enumerate() {
-            let f = i as f32 / (boxes.len().max(2) - 1) as f32;
+        for &(f, b) in boxes {
             down = down.max(open.low * (1.0 - f) + close.low * f - b.low);
             up = up.max(b.high - (open.high * (1.0 - f) + close.high * f));
         }
@@ -112,20 +112,20 @@ impl MovingBox {
     /// Bounds of object-space bounds that a transform carries through the shutter.
     pub fn carried(object: Self, transform: &MotionTransform) -> Self {
         let segments = transform.segments();
-        if segments == 0 {
+        if segments.is_empty() {
             return Self {
                 open: carried_at(object.open, transform, 0.0, 0.0),
                 close: carried_at(object.close, transform, 0.0, 0.0),
             };
         }
         let object = object.whole();
-        let mut boxes = vec![Box3::EMPTY; segments * PIECES + 1];
-        for segment in 0..segments {
+        let mut boxes = Vec::with_capacity(segments.len() * (PIECES + 1));
+        for (segment, [from, to]) in segments {
             let pad = sagitta(object, transform, segment);
             for piece in 0..=PIECES {
-                let i = segment * PIECES + piece;
-                let u = i as f32 / (segments * PIECES) as f32;
-                boxes[i] = boxes[i].union(carried_at(object, transform, u, pad));
+                let f = piece as f32 / PIECES as f32;
+                let u = from * (1.0 - f) + to * f;
+                boxes.push((u, carried_at(object, transform, u, pad)));
             }
         }
         Self::around(&boxes)

@@ -11,7 +11,7 @@ use super::{
     shape::Shape,
     triangle::Packet,
 };
-use crate::transform::MotionTransform;
+use crate::transform::{Jumps, MotionTransform};
 
 /// A mesh with several instances is baked all the same while its copies together stay below this: a level costs every ray more.
 const BAKED_COPIES_MAX: usize = 1 << 14;
@@ -289,11 +289,16 @@ fn place_of(geometry: &Geometry, uses: usize, transform: &MotionTransform) -> Pl
 
 /// A mesh whose keys are taken into world space.
 fn in_world(mesh: &TriangleMesh, transform: &MotionTransform) -> Arc<TriangleMesh> {
-    let segments = (mesh.keys.len() - 1).max(1) * transform.segments().max(1) * PIECES;
-    let keys = (0..=segments).map(|key| {
-        let u = key as f32 / segments as f32;
+    // Where both jump, they do so together.
+    let jumps = if transform.jumps().is_empty() { mesh.jumps.clone() } else { Jumps::new(transform.jumps()) };
+    let per_piece = |segments: usize| segments.div_ceil(jumps.pieces()).max(1);
+    let of_mesh = mesh.jumps.segments(mesh.keys.len()).len();
+    let segments = per_piece(of_mesh) * per_piece(transform.segments().len()) * PIECES;
+    let count = (segments + 1) * jumps.pieces();
+    let keys = (0..count).map(|key| {
+        let u = jumps.key_time(key, count);
         let map = transform.at(u);
         (0..mesh.keys[0].len() as u32).map(|vertex| map.point(mesh.vertex(vertex, u))).collect()
     });
-    Arc::new(TriangleMesh { keys: keys.collect(), triangles: mesh.triangles.clone() })
+    Arc::new(TriangleMesh { keys: keys.collect(), jumps, triangles: mesh.triangles.clone() })
 }

@@ -4,14 +4,16 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::transform::{MotionTransform, segment_at};
+use crate::transform::{Jumps, MotionTransform};
 
 /// Triangles over shared vertices, still or deforming.
 #[derive(Clone, Debug, Default)]
 pub struct TriangleMesh {
-    /// Vertex positions, object space, at times `0, 1/(K-1), .. 1` of the shutter; a single key stands still. Between keys each
-    /// vertex moves on a straight line.
+    /// Vertex positions, object space, at times `0, 1/(K-1), .. 1` of each piece of the shutter; a single key stands still. Between keys
+    /// each vertex moves on a straight line.
     pub keys: Vec<Vec<Vec3>>,
+    /// What cuts the shutter into pieces.
+    pub jumps: Jumps,
     /// Three vertices per triangle, counter-clockwise seen from the front.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -19,7 +21,7 @@ pub struct TriangleMesh {
 impl TriangleMesh {
     /// A mesh that does not deform.
     pub fn fixed(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
-        Self { keys: vec![positions], triangles }
+        Self { keys: vec![positions], jumps: Jumps::default(), triangles }
     }
 
     /// Whether vertices move relative to each other while the shutter is open.
@@ -39,7 +41,7 @@ impl TriangleMesh {
         if self.keys.len() == 1 {
             return self.keys[0][vertex as usize];
         }
-        let (segment, f) = segment_at(u, self.keys.len() - 1);
+        let (segment, f) = self.jumps.segment_at(u, self.keys.len());
         self.keys[segment][vertex as usize] * (1.0 - f) + self.keys[segment + 1][vertex as usize] * f
     }
 
@@ -48,6 +50,10 @@ impl TriangleMesh {
     pub(super) fn check(&self) {
         let vertices = self.keys.first().expect("a mesh has at least one key").len();
         assert!(self.keys.iter().all(|key| key.len() == vertices), "all keys have the same vertices");
+        assert!(
+            !self.deforms() || self.keys.len().is_multiple_of(self.jumps.pieces()),
+            "every piece of the shutter has as many keys"
+        );
         let in_range = |triangle: &[u32; 3]| triangle.iter().all(|&i| (i as usize) < vertices);
         assert!(self.triangles.iter().all(in_range), "triangles name vertices of their mesh");
     }

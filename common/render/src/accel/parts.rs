@@ -104,7 +104,7 @@ impl StillPart {
 impl DeformingPart {
     /// Builds over a deforming mesh. Returns its box, too.
     pub fn new(mesh: Arc<TriangleMesh>, dropped: &mut Dropped) -> (Self, MovingBox) {
-        let segments = mesh.keys.len() - 1;
+        let count = mesh.keys.len();
         let at_key = |primitive: u32, key: usize| {
             mesh.triangles[primitive as usize].map(|i| mesh.keys[key][i as usize])
         };
@@ -112,7 +112,7 @@ impl DeformingPart {
         let mut boxes = Vec::new();
         for primitive in 0..mesh.triangles.len() as u32 {
             // Kept when any key has an area; finite at all of them.
-            let keys: Vec<_> = (0..=segments).map(|key| at_key(primitive, key)).collect();
+            let keys: Vec<_> = (0..count).map(|key| at_key(primitive, key)).collect();
             let mut why = Dropped::default();
             let usable_keys = keys.iter().filter(|corners| usable(corners, &mut why)).count();
             if why.not_finite > 0 {
@@ -120,7 +120,10 @@ impl DeformingPart {
             } else if usable_keys == 0 {
                 dropped.no_area += 1;
             } else {
-                let of_keys: Vec<Box3> = keys.iter().map(|corners| Box3::of(*corners)).collect();
+                let of_keys: Vec<_> = (0..)
+                    .zip(&keys)
+                    .map(|(key, corners)| (mesh.jumps.key_time(key, count), Box3::of(*corners)))
+                    .collect();
                 boxes.push(MovingBox::around(&of_keys));
                 primitives.push(primitive);
             }

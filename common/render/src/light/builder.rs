@@ -12,6 +12,7 @@ use super::{
     suns::Sun,
     table::TriangleTable,
 };
+use crate::transform::Jumps;
 use farm_scene::{Environment, LightKind};
 use glam::{DVec3, Vec3};
 
@@ -37,6 +38,7 @@ pub struct TriangleEmitter {
 #[derive(Debug, Default)]
 pub struct LightsBuilder {
     times: [f32; 2],
+    jumps: Jumps,
     triangles: Vec<TriangleEmitter>,
     lights: Vec<(u32, LightKind, bool)>,
     environment: Option<Environment>,
@@ -63,6 +65,11 @@ impl LightsBuilder {
     /// For a shutter that is open between two times, in the unit in which [`EmitterGeometry`] is asked.
     pub fn new(open: f32, close: f32) -> Self {
         Self { times: [open, close], ..Self::default() }
+    }
+
+    /// Emitters may jump at these times of a shutter that is open from 0 to 1.
+    pub fn jumping(self, jumps: Jumps) -> Self {
+        Self { jumps, ..self }
     }
 
     /// Adds an emissive triangle.
@@ -177,13 +184,11 @@ impl LightsBuilder {
     }
 
     /// Times at which an emitter is looked at.
-    fn times(&self, moving: bool) -> impl Iterator<Item = f32> + use<> {
+    fn times(&self, moving: bool) -> Vec<f32> {
         let [open, close] = self.times;
-        let steps = if moving && close > open { MOTION_STEPS } else { 0 };
-        (0..=steps).map(move |step| {
-            let share = if steps == 0 { 0.0 } else { step as f32 / steps as f32 };
-            open + (close - open) * share
-        })
+        let steps = if moving && close > open { MOTION_STEPS as usize } else { return vec![open] };
+        let keys = (steps + 1) * self.jumps.pieces();
+        (0..keys).map(|key| open + (close - open) * self.jumps.key_time(key, keys)).collect()
     }
 }
 
@@ -248,7 +253,7 @@ fn local_pose(kind: &LocalKind, placement: &Placement) -> Pose {
 /// as much as half the way between them (an arc of a half circle), and point anywhere between: bounds grow by the
 /// longest step.
 fn bound(
-    times: impl Iterator<Item = f32>,
+    times: Vec<f32>,
     pose: impl Fn(f32) -> Pose,
     strength: f64,
     two_sided: bool,
@@ -257,7 +262,7 @@ fn bound(
     let mut items: Vec<Item> = Vec::new();
     let (mut stride, mut turn) = (0.0_f64, 1.0_f64);
     let mut previous: Option<Pose> = None;
-    for pose in times.map(pose) {
+    for pose in times.into_iter().map(pose) {
         if !pose.outline.iter().all(|point| point.is_finite()) || !pose.size.is_finite() {
             return Err(Fault::Unsound);
         }
@@ -363,8 +368,8 @@ mod tests {
     #[test]
     fn an_emitter_at_rest_is_looked_at_once() {
         let builder = LightsBuilder::new(1.0, 2.0);
-        assert_eq!(builder.times(false).collect::<Vec<_>>(), [1.0]);
-        let times: Vec<_> = builder.times(true).collect();
+        assert_eq!(builder.times(false), [1.0]);
+        let times = builder.times(true);
         assert_eq!((times.len(), times[0], times[MOTION_STEPS as usize]), (17, 1.0, 2.0));
     }
 }

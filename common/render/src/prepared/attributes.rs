@@ -3,23 +3,24 @@
 use crate::accel::SurfacePoint;
 use crate::interaction::Corners;
 use crate::prepared::{Drawn, PreparedScene};
-use crate::transform::segment_at;
+use crate::transform::Jumps;
 use glam::{Vec3, Vec4};
 
-/// Attributes of a deforming mesh at keys uniform over the shutter.
+/// Attributes of a deforming mesh at keys uniform over each piece of the shutter.
 pub(crate) struct DeformedAttributes {
+    pub jumps: Jumps,
     pub normals: Option<Vec<Vec<Vec3>>>,
     pub tangents: Option<Vec<Vec<Vec4>>>,
 }
 
-fn blend_keys<T>(keys: &[Vec<T>], time: f32, corners: &Corners) -> T
+fn blend_keys<T>(keys: &[Vec<T>], jumps: &Jumps, time: f32, corners: &Corners) -> T
 where
     T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
 {
     if let [only] = keys {
         return corners.blend(only);
     }
-    let (segment, fraction) = segment_at(time, keys.len() - 1);
+    let (segment, fraction) = jumps.segment_at(time, keys.len());
     corners.blend(&keys[segment]) * (1.0 - fraction) + corners.blend(&keys[segment + 1]) * fraction
 }
 
@@ -35,14 +36,20 @@ impl PreparedScene {
         let (mesh, material) = self.mesh_and_material(drawn);
         let deformed = drawn.deformed.map(|index| &self.deformed[index as usize]);
         let smooth = match deformed {
-            Some(attributes) => attributes.normals.as_ref().map(|keys| blend_keys(keys, time, corners)),
+            Some(attributes) => {
+                let keys = attributes.normals.as_ref();
+                keys.map(|keys| blend_keys(keys, &attributes.jumps, time, corners))
+            }
             None => mesh.normals.as_ref().map(|normals| corners.blend(normals)),
         };
         let smooth = smooth.and_then(|normal| unit(surface.object_to_world.normal(normal)));
         let Some(map) = &material.normal_map else { return smooth };
         let normal = smooth.unwrap_or(surface.normal_geometric);
         let tangent = match deformed {
-            Some(attributes) => attributes.tangents.as_ref().map(|keys| blend_keys(keys, time, corners)),
+            Some(attributes) => {
+                let keys = attributes.tangents.as_ref();
+                keys.map(|keys| blend_keys(keys, &attributes.jumps, time, corners))
+            }
             None => mesh.tangents.as_ref().map(|tangents| corners.blend(tangents)),
         };
         let mapped = tangent.and_then(|tangent| {

@@ -11,6 +11,7 @@ use crate::camera::Camera;
 use crate::filter::FilterSampler;
 use crate::sampler::Sequence;
 use crate::texture::{SrgbTables, Textures};
+use crate::transform::Jumps;
 use farm_film::{FrameIndex, Resolution};
 use farm_scene::{AlphaMode, Mesh, Scene, Settings};
 use glam::DVec3;
@@ -52,7 +53,7 @@ pub(super) fn prepare(
     let world = World { accel: Accel::build(stage.geometries, stage.instances), light_places };
     let srgb = SrgbTables::for_textures(&scene.textures, &scene.images);
     let textures = Textures { textures: &scene.textures, images: &scene.images, tables: &srgb };
-    let lights = emitters::light_table(scene, &stage.drawn, &moving, &textures, &world);
+    let lights = emitters::light_table(scene, &stage.drawn, &moving, &textures, &world, track.jumps());
     let mut prepared = PreparedScene {
         scene: scene.clone(),
         frame,
@@ -139,10 +140,10 @@ impl Stage {
                 let geometry = if is_deformed(scene, index, mesh) {
                     let keys = deformation_keys(scene, track, index, mesh);
                     deformed = Some(self.deformed.len() as u32);
-                    self.add_deformed(mesh, keys)
+                    self.add_deformed(mesh, keys, track.jumps())
                 } else {
                     *shared.entry(instance.mesh).or_insert_with(|| {
-                        self.geometries.push(triangles(mesh, vec![mesh.positions.clone()]));
+                        self.geometries.push(triangles(mesh, vec![mesh.positions.clone()], Jumps::default()));
                         self.geometries.len() as u32 - 1
                     })
                 };
@@ -159,9 +160,11 @@ impl Stage {
         }
     }
 
-    fn add_deformed(&mut self, mesh: &Mesh, keys: Vec<Deformed>) -> u32 {
+    fn add_deformed(&mut self, mesh: &Mesh, keys: Vec<Deformed>, jumps: Jumps) -> u32 {
+        let jumps = if keys.len() == 1 { Jumps::default() } else { jumps };
         let mut positions = Vec::with_capacity(keys.len());
         let mut attributes = DeformedAttributes {
+            jumps: jumps.clone(),
             normals: mesh.normals.is_some().then(Vec::new),
             tangents: mesh.tangents.is_some().then(Vec::new),
         };
@@ -174,7 +177,7 @@ impl Stage {
                 all.push(tangents);
             }
         }
-        self.geometries.push(triangles(mesh, positions));
+        self.geometries.push(triangles(mesh, positions, jumps));
         self.deformed.push(attributes);
         self.geometries.len() as u32 - 1
     }
@@ -189,6 +192,6 @@ impl Stage {
     }
 }
 
-fn triangles(mesh: &Mesh, keys: Vec<Vec<glam::Vec3>>) -> Geometry {
-    Geometry::Triangles(Arc::new(TriangleMesh { keys, triangles: mesh.triangles.clone() }))
+fn triangles(mesh: &Mesh, keys: Vec<Vec<glam::Vec3>>, jumps: Jumps) -> Geometry {
+    Geometry::Triangles(Arc::new(TriangleMesh { keys, jumps, triangles: mesh.triangles.clone() }))
 }

@@ -1,7 +1,7 @@
 //! Vertices under morph targets and skins (glTF 2.0, 3.7.2.2 and 3.7.3.3).
 
 use super::pose::Pose;
-use super::track::{STEPS, Track};
+use super::track::{STEPS, Step, Track};
 use farm_scene::{Mesh, Scene};
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3, Vec4};
 
@@ -29,40 +29,49 @@ pub(crate) fn is_skinned(scene: &Scene, node: u32, mesh: &Mesh) -> bool {
     scene.nodes[node as usize].skin.is_some() && mesh.skinning.is_some()
 }
 
-/// The mesh at keys uniform over the shutter: one when nothing moves, more the further vertices are from straight lines.
+/// The mesh at keys uniform over each piece of the shutter: one when nothing moves, more the further vertices are from straight lines.
 pub(crate) fn deformation_keys(
     scene: &Scene,
     track: &mut Track<'_>,
     node: u32,
     mesh: &Mesh,
 ) -> Vec<Deformed> {
-    let origin = track.origin();
-    let mut at = |step: u32| deform(scene, node, mesh, track.at(step), origin);
-    let first = at(0);
-    if !track.is_open() {
-        return vec![first];
+    let (origin, is_open, pieces) = (track.origin(), track.is_open(), track.pieces());
+    let mut at = |piece, step| deform(scene, node, mesh, track.at(Step { piece, step }), origin);
+    if !is_open {
+        return vec![at(0, 0)];
     }
-    let mut at = |step: u32| deform(scene, node, mesh, track.at(step), origin);
-    let mut keys = vec![first, at(STEPS)];
+    // As many keys in every piece.
+    let mut pieces: Vec<Vec<Deformed>> =
+        (0..pieces).map(|piece| vec![at(piece, 0), at(piece, STEPS)]).collect();
     loop {
-        let segments = keys.len() as u32 - 1;
+        let segments = pieces[0].len() as u32 - 1;
         let width = STEPS / segments;
-        let middles: Vec<Deformed> = (0..segments).map(|segment| at(segment * width + width / 2)).collect();
-        if segments >= SEGMENTS_MAX || is_met(&keys, &middles) {
+        let mut middles_of =
+            |piece| (0..segments).map(|segment| at(piece, segment * width + width / 2)).collect::<Vec<_>>();
+        let middles: Vec<Vec<Deformed>> = (0..pieces.len()).map(&mut middles_of).collect();
+        let met = pieces.iter().zip(&middles).all(|(keys, middles)| is_met(keys, middles));
+        if segments >= SEGMENTS_MAX || met {
             break;
         }
-        let mut finer = Vec::with_capacity(keys.len() + middles.len());
-        let mut old = keys.into_iter();
-        finer.extend(old.next());
-        for (middle, key) in middles.into_iter().zip(old) {
-            finer.extend([middle, key]);
-        }
-        keys = finer;
+        pieces = pieces.into_iter().zip(middles).map(|(keys, middles)| refined(keys, middles)).collect();
     }
+    let mut keys: Vec<Deformed> = pieces.into_iter().flatten().collect();
     if keys.iter().all(|key| *key == keys[0]) {
         keys.truncate(1);
     }
     keys
+}
+
+/// Keys with one more between each two.
+fn refined(keys: Vec<Deformed>, middles: Vec<Deformed>) -> Vec<Deformed> {
+    let mut finer = Vec::with_capacity(keys.len() + middles.len());
+    let mut keys = keys.into_iter();
+    finer.extend(keys.next());
+    for (middle, key) in middles.into_iter().zip(keys) {
+        finer.extend([middle, key]);
+    }
+    finer
 }
 
 fn is_met(keys: &[Deformed], middles: &[Deformed]) -> bool {

@@ -7,7 +7,7 @@ use crate::accel::{Geometry, InstanceDesc};
 use crate::interaction::Corners;
 use crate::light::{EmitterGeometry, EmitterTriangle, Lights, LightsBuilder, Placement, TriangleEmitter};
 use crate::texture::Textures;
-use crate::transform::MotionTransform;
+use crate::transform::{Jumps, MotionTransform};
 use farm_scene::{Light, LightKind, Material, Mesh, Scene, Surface};
 use glam::{DMat3, DVec3, Vec3};
 
@@ -83,8 +83,9 @@ pub(super) fn light_table(
     moving: &[bool],
     textures: &Textures<'_>,
     world: &World,
+    jumps: Jumps,
 ) -> Lights {
-    let mut builder = LightsBuilder::new(0.0, 1.0);
+    let mut builder = LightsBuilder::new(0.0, 1.0).jumping(jumps);
     for (instance, (drawn, &moving)) in drawn.iter().zip(moving).enumerate() {
         let (mesh, material) =
             (&scene.meshes[drawn.mesh as usize], &scene.materials[drawn.material as usize]);

@@ -6,6 +6,7 @@ mod deform;
 mod emission;
 mod emitters;
 mod look;
+mod pieces;
 mod pose;
 mod report;
 mod track;

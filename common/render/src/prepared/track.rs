@@ -1,12 +1,13 @@
 //! The scene's poses over the open shutter, and how many keys a motion needs.
 
+use super::pieces::{Piece, pieces};
 use super::pose::{Place, Pose, Poses, slerp};
-use crate::transform::{Affine, MotionTransform, TransformKey};
+use crate::transform::{Affine, Jumps, MotionTransform, TransformKey};
 use farm_scene::{Scene, Shutter};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Mat3, Quat, Vec3};
 use std::collections::BTreeMap;
 
-/// The shutter is divided into this many steps; keys are at steps. A power of two.
+/// Each piece of the shutter is divided into this many steps; keys are at steps. A power of two.
 pub(crate) const STEPS: u32 = 128;
 
 /// Most segments of a rigid motion: 64 follow three full turns within the tolerance below.
@@ -19,22 +20,48 @@ pub(crate) const MOTION_TOLERANCE: f64 = 1e-5;
 /// Poses over one frame's open shutter, computed as they are asked for.
 pub(crate) struct Track<'a> {
     poses: Poses<'a>,
-    open: f64,
-    close: f64,
+    is_open: bool,
+    /// What jumps cut the shutter into; one piece if nothing jumps.
+    pieces: Vec<Piece>,
     /// Moves the world so that the scene is near zero before it is rounded to f32.
     origin: DVec3,
-    at_step: BTreeMap<u32, Pose>,
+    at_step: BTreeMap<Step, Pose>,
+}
+
+/// A moment at which things can have a key: `step` of [`STEPS`] in one of the shutter's pieces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Step {
+    pub piece: usize,
+    pub step: u32,
 }
 
 impl<'a> Track<'a> {
     pub fn new(scene: &'a Scene, frame_time: f64, shutter: Shutter, origin: DVec3) -> Self {
         let (open, close) = (frame_time + shutter.open, frame_time + shutter.close);
-        Self { poses: Poses::new(scene), open, close, origin, at_step: BTreeMap::new() }
+        let is_open = open < close;
+        Self {
+            poses: Poses::new(scene),
+            is_open,
+            pieces: pieces(scene, open, close),
+            origin,
+            at_step: BTreeMap::new(),
+        }
+    }
+
+    /// Times within the shutter at which something jumps.
+    pub fn jumps(&self) -> Jumps {
+        let times: Vec<f32> = self.pieces[1..].iter().map(|piece| piece.from).collect();
+        Jumps::new(&times)
+    }
+
+    /// Number of the shutter's pieces.
+    pub fn pieces(&self) -> usize {
+        self.pieces.len()
     }
 
     /// Whether any time passes while the shutter is open.
     pub fn is_open(&self) -> bool {
-        self.open < self.close
+        self.is_open
     }
 
     /// World space position that becomes zero.
@@ -42,13 +69,17 @@ impl<'a> Track<'a> {
         self.origin
     }
 
-    /// The pose at `step / STEPS` of the shutter.
-    pub fn at(&mut self, step: u32) -> &Pose {
-        let (poses, open, close) = (&self.poses, self.open, self.close);
-        self.at_step.entry(step).or_insert_with(|| {
-            let fraction = f64::from(step) / f64::from(STEPS);
-            poses.at(open + (close - open) * fraction)
-        })
+    /// The pose at a step.
+    pub fn at(&mut self, at: Step) -> &Pose {
+        let (poses, piece) = (&self.poses, self.pieces[at.piece]);
+        self.at_step.entry(at).or_insert_with(|| poses.at(piece.seconds(at.step)))
+    }
+
+    /// Fraction of the shutter's time at a step.
+    fn fraction(&self, at: Step) -> f64 {
+        let Piece { from, to, .. } = self.pieces[at.piece];
+        let within = f64::from(at.step) / f64::from(STEPS);
+        f64::from(from) + (f64::from(to) - f64::from(from)) * within
     }
 
     /// A node's motion, exact at its keys and met to [`MOTION_TOLERANCE`] of the box of `corners` (node space) in between.
@@ -61,7 +92,7 @@ impl<'a> Track<'a> {
         let drift = motion_vector.filter(|_| self.is_open()).map_or(DVec3::ZERO, Vec3::as_dvec3);
         self.motion(drift != DVec3::ZERO || self.poses.is_animated(node), corners, |track, step| {
             let mut place = track.at(step).places[node as usize];
-            place.world.translation += drift * (f64::from(step) / f64::from(STEPS));
+            place.world.translation += drift * track.fraction(step);
             place
         })
     }
@@ -94,25 +125,43 @@ impl<'a> Track<'a> {
         &mut self,
         moves: bool,
         corners: &[DVec3; 8],
-        place: impl Fn(&mut Self, u32) -> Place + Copy,
+        place: impl Fn(&mut Self, Step) -> Place + Copy,
     ) -> MotionTransform {
         if !(moves && self.is_open()) {
-            let world = place(self, 0).world;
+            let world = place(self, Step { piece: 0, step: 0 }).world;
             return MotionTransform::fixed(self.rebased(world));
         }
         let mut segments = 1;
-        while segments < SEGMENTS_MAX && !self.is_met(segments, corners, place) {
+        let all_met = |track: &mut Self, segments| {
+            (0..track.pieces()).all(|piece| {
+                track.is_met(segments, corners, |track, step| place(track, Step { piece, step }))
+            })
+        };
+        while segments < SEGMENTS_MAX && !all_met(self, segments) {
             segments *= 2;
         }
-        let keys: Vec<Place> = (0..=segments).map(|key| place(self, key * (STEPS / segments))).collect();
-        MotionTransform::from_keys(keys.iter().map(|key| self.key(key)).collect())
+        self.keyed(segments, place)
     }
 
+    /// A motion with this many segments per piece of the shutter.
+    fn keyed(&mut self, segments: u32, place: impl Fn(&mut Self, Step) -> Place) -> MotionTransform {
+        let stride = (STEPS / segments) as usize;
+        let steps = (0..self.pieces())
+            .flat_map(|piece| (0..=STEPS).step_by(stride).map(move |step| Step { piece, step }));
+        let keys = steps.map(|step| {
+            let place = place(self, step);
+            self.key(&place)
+        });
+        let keys = keys.collect();
+        MotionTransform::with_jumps(keys, self.jumps())
+    }
+
+    /// Whether the motion within one piece of the shutter is met by that many segments.
     fn is_met(
         &mut self,
         segments: u32,
         corners: &[DVec3; 8],
-        mut place: impl FnMut(&mut Self, u32) -> Place,
+        place: impl Fn(&mut Self, u32) -> Place,
     ) -> bool {
         let width = STEPS / segments;
         (0..segments).all(|segment| {
@@ -153,13 +202,10 @@ impl<'a> Track<'a> {
             Place { rotation, world }
         };
         if !self.is_open() || !self.poses.is_animated(node) {
-            let place = rigid(&self.at(0).places[node as usize]);
+            let place = rigid(&self.at(Step { piece: 0, step: 0 }).places[node as usize]);
             return MotionTransform::fixed(self.rebased(place.world));
         }
-        let stride = (STEPS / SEGMENTS_MAX) as usize;
-        let places: Vec<Place> =
-            (0..=STEPS).step_by(stride).map(|step| rigid(&self.at(step).places[node as usize])).collect();
-        MotionTransform::from_keys(places.iter().map(|place| self.key(place)).collect())
+        self.keyed(SEGMENTS_MAX, |track, step| rigid(&track.at(step).places[node as usize]))
     }
 }
 
