@@ -35,6 +35,9 @@ pub use thin::Thin;
 use crate::math::Frame;
 use glam::Vec3;
 
+/// Beyond it an interface reflects everything, as 1 - 4/index rounds to 1, and the squares of Fresnel's equations overflow soon after.
+const IOR_MAX: f32 = 1e9;
+
 /// How light scatters at a point: a closed family.
 ///
 /// Directions are unit vectors, point away from the surface, and live in the shading frame, whose normal is +z: `wo` towards where
@@ -125,10 +128,13 @@ impl Bsdf {
         }
     }
 
-    /// The transmissive part of a glTF surface: `solid` when the mesh has a volume.
+    /// The transmissive part of a glTF surface: `solid` when the mesh has a volume. Nothing enters a medium of infinite index, which 0
+    /// stands for.
     pub fn transmissive(surface: &Surface, solid: bool) -> Self {
         let Surface { base_color, roughness, ior, .. } = *surface;
-        if solid {
+        if ior == 0.0 || ior > IOR_MAX {
+            Self::Conductor(Conductor::new(Vec3::ONE, roughness))
+        } else if solid {
             Self::Dielectric(Dielectric::new(base_color, roughness, ior))
         } else {
             Self::Thin(Thin::new(base_color, roughness, ior))

@@ -350,3 +350,18 @@ fn opaque_surfaces_are_black_from_below() {
         assert_eq!(bsdf.sample(below, [0.3, 0.6, 0.2]), None, "{name}");
     }
 }
+
+#[test]
+fn nothing_enters_a_medium_of_infinite_index() {
+    for ior in [0.0, 1e10, f32::MAX] {
+        for solid in [false, true] {
+            let bsdf = Bsdf::transmissive(&Surface { ior, roughness: 0.3, ..Surface::default() }, solid);
+            let sample = bsdf.sample(at_cos(0.6), [0.3, 0.8, 0.999]).expect("a reflection");
+            assert!(!sample.transmission && sample.weight.max_element() <= 1.0, "index {ior}: {sample:?}");
+            assert_eq!(bsdf.eval(at_cos(0.6), -at_cos(0.4)), Vec3::ZERO);
+        }
+    }
+    let dense = Bsdf::transmissive(&Surface { ior: 1e9, ..Surface::default() }, true);
+    let sample = dense.sample(at_cos(0.6), [0.3, 0.8, 0.999]).expect("a reflection");
+    assert!(sample.weight.is_finite() && sample.pdf.is_finite(), "{sample:?}");
+}
