@@ -156,6 +156,9 @@ impl FrameWriter {
                 // All of it is safe as partials: there is time until the store has room for the frame.
                 self.insist(|| store.put_frame(job, frame, exr.clone()))?;
                 self.runtime.block_on(store.remove_partials(job, frame));
+                for warning in finished.counters.warnings() {
+                    warn!(%job, %frame, "{warning}");
+                }
                 Ok(summary)
             }
             (Outputs::Store { .. }, None) => unreachable!("frames go to a store where there is one"),

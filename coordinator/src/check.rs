@@ -104,6 +104,7 @@ mod tests {
             max_depth: 4,
             seed: 9,
             fps: 24.0,
+            clamp: None,
         };
         JobSpec {
             name: "box".into(),

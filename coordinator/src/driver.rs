@@ -385,7 +385,7 @@ impl Driver {
                     self.chronicle.note(Some(id), format!("frame {} is written", summary.frame));
                 }
                 let event = match outcome {
-                    Ok(summary) => JobEvent::Frame(summary),
+                    Ok(summary) => JobEvent::Frame(Box::new(summary)),
                     Err(reason) => JobEvent::Failed(reason),
                 };
                 self.tell_listener(id, event);

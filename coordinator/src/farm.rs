@@ -100,7 +100,7 @@ pub enum JobEvent {
         build: Duration,
     },
     /// A frame is written.
-    Frame(FrameSummary),
+    Frame(Box<FrameSummary>),
     /// A frame that was written was wrong and is rendered again.
     Withdrawn(FrameIndex),
     /// The job cannot be finished.

@@ -129,7 +129,9 @@ pub struct FrameSummary {
     /// Estimated error; none with too few samples to tell.
     pub error: Option<ErrorEstimate>,
     /// Values beyond what a 32-bit float holds, stored as the largest one.
-    pub clamped: u64,
+    pub beyond_format: u64,
+    /// Share of the frame's light that a limit on samples took, in [0, 1]; 0 without one.
+    pub light_clamped: f64,
     /// From its first unit to its last, in seconds.
     pub render_s: f64,
     /// What was traced.
@@ -167,14 +169,14 @@ pub fn write_resolved(
 ) -> Result<FrameSummary, ImageError> {
     let resolved = Resolved::new(header, &plan.scene_name, finished);
     let path = plan.names.path(finished.frame);
-    let clamped = write_frame(&path, &resolved.picture(), &resolved.metadata, SampleFormat::Float)?;
+    let beyond_format = write_frame(&path, &resolved.picture(), &resolved.metadata, SampleFormat::Float)?;
     let mut outputs = vec![path];
     if plan.preview {
         let path = outputs[0].with_extension("png");
         write_preview(&path, resolved.resolution, &resolved.pixels, Exposure::Auto)?;
         outputs.push(path);
     }
-    Ok(resolved.summary(outputs, clamped))
+    Ok(resolved.summary(outputs, beyond_format))
 }
 
 /// Resolves a frame of a job and gives its file, for the store.
@@ -186,9 +188,9 @@ pub fn encode(
 ) -> (Vec<u8>, FrameSummary) {
     let header = partial_header(finished.film.resolution(), spec.scene, &spec.settings, finished.frame);
     let resolved = Resolved::new(&header, scene_name, finished);
-    let (exr, clamped) = encode_frame(&resolved.picture(), &resolved.metadata, SampleFormat::Float);
+    let (exr, beyond_format) = encode_frame(&resolved.picture(), &resolved.metadata, SampleFormat::Float);
     let output = PathBuf::from(frame_path(job, finished.frame).to_string());
-    (exr, resolved.summary(vec![output], clamped))
+    (exr, resolved.summary(vec![output], beyond_format))
 }
 
 /// A frame's pixels, and what is said of them.
@@ -221,17 +223,26 @@ impl Resolved {
         Frame { resolution: self.resolution, pixels: &self.pixels, passes: &[] }
     }
 
-    fn summary(self, outputs: Vec<PathBuf>, clamped: u64) -> FrameSummary {
+    fn summary(self, outputs: Vec<PathBuf>, beyond_format: u64) -> FrameSummary {
         FrameSummary {
             frame: self.metadata.frame.0,
             outputs,
             digest: blake3::Hash::from_bytes(pixels_digest(self.resolution, &self.pixels)).to_string(),
             error: self.metadata.error,
-            clamped,
+            beyond_format,
+            light_clamped: light_clamped(&self.metadata.counters, &self.pixels),
             render_s: self.metadata.seconds,
             counters: self.metadata.counters,
         }
     }
+}
+
+/// What clamping took, of what there was before.
+fn light_clamped(counters: &Counters, pixels: &[Rgb]) -> f64 {
+    let mean = |pixel: &Rgb| pixel.iter().map(|&value| f64::from(value)).sum::<f64>() / 3.0;
+    let kept = pixels.iter().map(mean).sum::<f64>() / pixels.len() as f64;
+    let taken = counters.clamped_radiance / counters.samples.max(1) as f64;
+    if taken > 0.0 { taken / (taken + kept) } else { 0.0 }
 }
 
 #[cfg(test)]

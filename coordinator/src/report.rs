@@ -36,6 +36,8 @@ pub struct RenderReport {
     pub rays: u64,
     /// What was traced, and what went wrong.
     pub counters: Counters,
+    /// Largest value that a sample may have; none unless asked for.
+    pub clamp: Option<f32>,
     /// Of the frame's pixels; of several frames, of their digests in order.
     pub digest: String,
     /// Estimated root mean squared error in radiance, the worst frame's.
@@ -74,6 +76,7 @@ impl RenderReport {
             samples: tally.counters.samples,
             rays: tally.counters.rays(),
             counters: tally.counters,
+            clamp: spec.settings.clamp,
             digest: joint_digest(&frames),
             error: errors.reduce(f64::max),
             outputs: frames.iter().flat_map(|frame| frame.outputs.iter().cloned()).collect(),
@@ -89,16 +92,21 @@ impl RenderReport {
         for warning in &self.warnings {
             eprintln!("warning: {warning}");
         }
-        let faults = self.counters.faults();
-        if faults > 0 {
-            let Counters { nan, infinite, negative, .. } = self.counters;
+        for warning in self.counters.warnings() {
+            eprintln!("warning: {warning}");
+        }
+        if let (Some(limit), Counters { clamped, samples, .. }) = (self.clamp, self.counters) {
+            let share = self.frames.iter().map(|frame| frame.light_clamped).fold(0.0, f64::max);
             eprintln!(
-                "warning: {faults} samples could not be taken at face value: {nan} not a number, {infinite} infinite, {negative} negative"
+                "samples limited to {limit}: {clamped} of {samples} were brighter, which took {:.3} % of the light",
+                share * 100.0
             );
         }
-        let clamped: u64 = self.frames.iter().map(|frame| frame.clamped).sum();
-        if clamped > 0 {
-            eprintln!("warning: {clamped} values are beyond what the file holds and were clamped");
+        let beyond: u64 = self.frames.iter().map(|frame| frame.beyond_format).sum();
+        if beyond > 0 {
+            eprintln!(
+                "warning: {beyond} values are beyond what the file holds and were stored as its largest"
+            );
         }
         let per_second = |count: u64| metric(count as f64 / self.render_s.max(1e-9));
         let plural = |count: usize| if count == 1 { "" } else { "s" };

@@ -72,6 +72,7 @@ fn bare_loop(scene: &Path, spp: u64) -> f64 {
         max_depth: 8,
         seed: 0,
         fps: 24.0,
+        clamp: None,
     };
     let prepared =
         PreparedScene::new(&Arc::new(imported.scene), &settings, FrameIndex(0)).expect("it is fit to render");

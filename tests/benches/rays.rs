@@ -59,6 +59,7 @@ fn prepared(path: &Path) -> PreparedScene {
         max_depth: 8,
         seed: 0,
         fps: 24.0,
+        clamp: None,
     };
     PreparedScene::new(&Arc::new(imported.scene), &settings, FrameIndex(0))
         .expect("the scene can be rendered")

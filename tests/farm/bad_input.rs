@@ -15,7 +15,7 @@ fn refused(place: &Place, said: &Said, code: i32, words: &[&str]) {
 #[test]
 fn flags_that_make_no_sense_are_refused_before_anything_starts() {
     let place = Place::new();
-    let cases: [(&[&str], &str); 18] = [
+    let cases: [(&[&str], &str); 20] = [
         (&["--resolution", "0x10"], "--resolution"),
         (&["--resolution", "99999999x10"], "--resolution"),
         (&["--resolution", "wide"], "960x540"),
@@ -33,6 +33,8 @@ fn flags_that_make_no_sense_are_refused_before_anything_starts() {
         (&["--shutter-position", "end"], "--shutter"),
         (&["--no-local-worker"], "--listen"),
         (&["--filter", "tent"], "--filter"),
+        (&["--clamp", "0"], "--clamp"),
+        (&["--clamp", "1e39"], "--clamp"),
         (&["--bogus"], "--bogus"),
     ];
     for (flags, word) in cases {

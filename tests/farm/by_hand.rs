@@ -35,6 +35,8 @@ fn merged_partials_are_the_picture() {
     let mut command = coordinator();
     command.arg("compare").args(["merged.exr", "whole.exr"].map(|name| place.path(name))).arg("--json");
     assert_eq!(run(command).json()["max_abs"], 0.0);
+    let made_by_hand = merge(&place, &["b.exr", "top.exr", "a.exr"]).json();
+    assert_eq!(made_by_hand["counters"]["dropped"], 0, "{made_by_hand}");
 
     let said = merge(&place, &["a.exr", "top.exr"]);
     assert_eq!(said.status.code(), Some(2));
@@ -74,4 +76,30 @@ fn samples_that_are_no_block_are_refused_with_the_blocks_they_are_made_of() {
     let said = part(&place, "x.exr", &["--samples", "0..16", "--tile-window", "0,0,49,30"]);
     assert_eq!(said.status.code(), Some(2));
     assert_eq!(place.files(), [""; 0]);
+}
+
+#[test]
+fn a_limit_on_samples_is_off_unless_asked_for_and_says_what_it_took() {
+    let place = Place::new();
+    let rendered = |flags: &[&str]| {
+        let mut command = render(&place, "out.exr", &PICTURE);
+        command.args(["--spp", "32"]).args(flags);
+        run(command)
+    };
+    let free = rendered(&[]).json();
+    assert_eq!((&free["counters"]["clamped"], &free["frames"][0]["light_clamped"]), (&0.into(), &0.0.into()));
+    let said = rendered(&["--clamp", "0.2"]);
+    assert!(said.stderr.contains("samples limited to 0.2"), "{}", said.stderr);
+    let limited = said.json();
+    let share = limited["frames"][0]["light_clamped"].as_f64().unwrap();
+    assert!(limited["counters"]["clamped"].as_u64().unwrap() > 0, "{limited}");
+    assert!(share > 0.0 && share < 1.0, "{share}");
+    assert_ne!(free["digest"], limited["digest"]);
+
+    // The same by hand: the partials know what was taken.
+    let made = |name, samples| part(&place, name, &["--samples", samples, "--clamp", "0.2"]);
+    assert!(made("a.exr", "0..16").status.success() && made("b.exr", "16..32").status.success());
+    let merged = merge(&place, &["a.exr", "b.exr"]).json();
+    assert_eq!(merged["digest"], limited["digest"]);
+    assert_eq!(merged["counters"]["clamped"], limited["counters"]["clamped"]);
 }

@@ -86,6 +86,9 @@ pub fn run(args: &RenderArgs) -> Result<(), Fault> {
     let frame = FrameIndex(args.frame);
     let prepared = PreparedScene::new(&loaded.scene, &loaded.settings, frame).map_err(Fault::input)?;
     let (tile, counters) = render_window(&prepared, window, block, thread_count(args.threads))?;
+    for warning in counters.warnings() {
+        eprintln!("warning: {warning}");
+    }
     let header = PartialHeader { counters, ..partial_header(resolution, loaded.id, &loaded.settings, frame) };
     write_file(&args.output, &encode_partial(&tile, &header)).map_err(Fault::failed)
 }
@@ -113,7 +116,7 @@ fn render_window(
     let canvas = Mutex::new(Canvas {
         sums: vec![[0.0; 3]; window.area()],
         differences: vec![Differences::default(); pieces.len()],
-        counters: Counters::default(),
+        counters: vec![Counters::default(); pieces.len()],
         fault: None,
     });
     let work = || {
@@ -127,7 +130,7 @@ fn render_window(
                 Ok(Some(Rendered { tile, counters })) => {
                     paste(&tile, window, &mut canvas.sums);
                     canvas.differences[index] = tile.differences().clone();
-                    canvas.counters = canvas.counters.plus(counters);
+                    canvas.counters[index] = counters;
                 }
                 Ok(None) => return,
                 Err(panic) => {
@@ -145,7 +148,8 @@ fn render_window(
     }
     let mut differences = Differences::default();
     canvas.differences.iter().for_each(|piece| differences.add_all(piece));
-    Ok((FilmTile::new(window, block, canvas.sums).with_differences(differences), canvas.counters))
+    let counters = canvas.counters.iter().fold(Counters::default(), |sum, piece| sum.plus(*piece));
+    Ok((FilmTile::new(window, block, canvas.sums).with_differences(differences), counters))
 }
 
 /// What the threads fill together.
@@ -153,7 +157,7 @@ struct Canvas {
     sums: Vec<Rgb>,
     /// By piece, so that their sum does not depend on who was first.
     differences: Vec<Differences>,
-    counters: Counters,
+    counters: Vec<Counters>,
     fault: Option<String>,
 }
 

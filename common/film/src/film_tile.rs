@@ -48,8 +48,9 @@ fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-/// What was traced and what went wrong on the way to some pixel sums. Adds up over units.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// What was traced and what went wrong on the way to some pixel sums. Adds up over units; what is said of the frame's geometry is the
+/// same in all of its units and does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
     /// Samples taken (pixels times samples per pixel).
     pub samples: u64,
@@ -65,7 +66,22 @@ pub struct Counters {
     pub infinite: u64,
     /// Samples with a negative channel, which was counted as zero.
     pub negative: u64,
+    /// Samples counted as black because they were no radiance: the NaN and the infinite ones.
+    pub dropped: u64,
+    /// Samples brighter than the job's limit on samples, which were darkened to it.
+    pub clamped: u64,
+    /// Radiance that this took away, the mean over the channels summed over samples, W/sr/m^2.
+    pub clamped_radiance: f64,
+    /// Triangles of the frame left out because a coordinate is not finite.
+    pub triangles_not_finite: u64,
+    /// Triangles of the frame left out because they have no area.
+    pub triangles_without_area: u64,
+    /// Instances of the frame whose place flattens them, or is not finite.
+    pub instances_flattened: u64,
 }
+
+// Radiance that was taken away is a sum of finite numbers.
+impl Eq for Counters {}
 
 impl Counters {
     /// Sums of both.
@@ -78,6 +94,12 @@ impl Counters {
             nan: self.nan + other.nan,
             infinite: self.infinite + other.infinite,
             negative: self.negative + other.negative,
+            dropped: self.dropped + other.dropped,
+            clamped: self.clamped + other.clamped,
+            clamped_radiance: self.clamped_radiance + other.clamped_radiance,
+            triangles_not_finite: self.triangles_not_finite.max(other.triangles_not_finite),
+            triangles_without_area: self.triangles_without_area.max(other.triangles_without_area),
+            instances_flattened: self.instances_flattened.max(other.instances_flattened),
         }
     }
 
@@ -89,6 +111,32 @@ impl Counters {
     /// Samples that could not be taken at face value.
     pub fn faults(&self) -> u64 {
         self.nan + self.infinite + self.negative
+    }
+
+    /// Sentences about everything that a clean scene has none of.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.faults() > 0 {
+            warnings.push(format!(
+                "{} samples could not be taken at face value: {} not a number, {} infinite, {} negative; {} count as black",
+                self.faults(),
+                self.nan,
+                self.infinite,
+                self.negative,
+                self.dropped
+            ));
+        }
+        let left_out = self.triangles_not_finite + self.triangles_without_area;
+        if left_out > 0 {
+            warnings.push(format!(
+                "{left_out} triangles were left out: {} with a coordinate that is not finite, {} without area",
+                self.triangles_not_finite, self.triangles_without_area
+            ));
+        }
+        if self.instances_flattened > 0 {
+            warnings.push(format!("{} instances are flattened by their place", self.instances_flattened));
+        }
+        warnings
     }
 }
 
@@ -170,6 +218,22 @@ mod tests {
         let exact = (16.0 * f64::from(0.1f32)) as f32;
         assert_eq!(leaf.round(), [exact; 3]);
         assert_ne!(naive, exact, "the naive sum would have shown a difference");
+    }
+
+    #[test]
+    fn counts_add_up_but_a_frame_has_its_geometry_once() {
+        let unit = Counters {
+            samples: 4,
+            clamped: 1,
+            clamped_radiance: 0.5,
+            triangles_without_area: 3,
+            ..Counters::default()
+        };
+        let sum = unit.plus(unit);
+        assert_eq!((sum.samples, sum.clamped, sum.clamped_radiance), (8, 2, 1.0));
+        assert_eq!(sum.triangles_without_area, 3);
+        assert!(sum.warnings()[0].contains("3 triangles"), "{:?}", sum.warnings());
+        assert!(Counters { samples: 9, ..Counters::default() }.warnings().is_empty());
     }
 
     #[test]

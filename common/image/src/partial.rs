@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 
 /// Version of the JSON attribute; another one is refused.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 
 /// Channels in the order of the file, which is that of their names, with their place in [`Rgb`].
 const CHANNELS: [(&str, usize); 3] = [("B", 2), ("G", 1), ("R", 0)];

@@ -23,7 +23,13 @@ pub fn render(
     stop: &dyn Fn() -> bool,
 ) -> Option<Rendered> {
     assert!(scene.resolution().contains(tile), "a tile lies inside its frame");
-    let mut counters = Counters::default();
+    let report = scene.report();
+    let mut counters = Counters {
+        triangles_not_finite: report.dropped_not_finite,
+        triangles_without_area: report.dropped_no_area,
+        instances_flattened: report.flattened_instances,
+        ..Counters::default()
+    };
     // Nodes that wait for their sibling, largest first.
     let mut open: Vec<FilmTile> = Vec::new();
     let mut start = block.start();
@@ -67,28 +73,47 @@ fn render_leaf(
         for index in block.start()..block.end() {
             let radiance = integrator::radiance(scene, Sampling::at(scene, x, y, index), counters);
             counters.samples += 1;
-            leaf.add(accounted(radiance.to_array(), counters), &mut differences);
+            let radiance = accounted(radiance.to_array(), scene.settings.clamp, counters);
+            leaf.add(radiance, &mut differences);
         }
         sums.push(leaf.round());
     }
     Some(FilmTile::new(tile, block, sums).with_differences(differences))
 }
 
-/// What is no radiance is counted and left out.
-fn accounted(radiance: Rgb, counters: &mut Counters) -> Rgb {
+/// What is no radiance is counted and left out; what is brighter than `clamp` is darkened, and what that takes away is added up.
+fn accounted(radiance: Rgb, clamp: Option<f32>, counters: &mut Counters) -> Rgb {
     if radiance.iter().any(|value| value.is_nan()) {
         counters.nan += 1;
+        counters.dropped += 1;
         return [0.0; 3];
     }
     if radiance.iter().any(|value| value.is_infinite()) {
         counters.infinite += 1;
+        counters.dropped += 1;
         return [0.0; 3];
     }
+    let mut radiance = radiance;
     if radiance.iter().any(|&value| value < 0.0) {
         counters.negative += 1;
-        return radiance.map(|value| value.max(0.0));
+        radiance = radiance.map(|value| value.max(0.0));
     }
-    radiance
+    match clamp {
+        Some(limit) => clamped(radiance, limit, counters),
+        None => radiance,
+    }
+}
+
+fn clamped(radiance: Rgb, limit: f32, counters: &mut Counters) -> Rgb {
+    let brightest = radiance.into_iter().fold(0.0, f32::max);
+    if brightest <= limit {
+        return radiance;
+    }
+    let sum = |radiance: Rgb| radiance.into_iter().map(f64::from).sum::<f64>();
+    let darker = radiance.map(|value| ((f64::from(value) / f64::from(brightest)) * f64::from(limit)) as f32);
+    counters.clamped += 1;
+    counters.clamped_radiance += (sum(radiance) - sum(darker)) / 3.0;
+    darker
 }
 
 #[cfg(test)]
@@ -98,10 +123,23 @@ mod tests {
     #[test]
     fn what_is_no_radiance_is_counted() {
         let mut counters = Counters::default();
-        assert_eq!(accounted([1.0, f32::NAN, 0.0], &mut counters), [0.0; 3]);
-        assert_eq!(accounted([1.0, f32::INFINITY, 0.0], &mut counters), [0.0; 3]);
-        assert_eq!(accounted([1.0, -2.0, 0.0], &mut counters), [1.0, 0.0, 0.0]);
-        assert_eq!(accounted([1.0, 2.0, 0.0], &mut counters), [1.0, 2.0, 0.0]);
-        assert_eq!((counters.nan, counters.infinite, counters.negative), (1, 1, 1));
+        let mut account = |radiance| accounted(radiance, None, &mut counters);
+        assert_eq!(account([1.0, f32::NAN, 0.0]), [0.0; 3]);
+        assert_eq!(account([1.0, f32::INFINITY, 0.0]), [0.0; 3]);
+        assert_eq!(account([1.0, -2.0, 0.0]), [1.0, 0.0, 0.0]);
+        assert_eq!(account([1.0, 2e30, 0.0]), [1.0, 2e30, 0.0]);
+        let Counters { nan, infinite, negative, dropped, clamped, .. } = counters;
+        assert_eq!((nan, infinite, negative, dropped, clamped), (1, 1, 1, 2, 0));
+    }
+
+    #[test]
+    fn a_limit_keeps_the_colour_and_says_what_it_took() {
+        let mut counters = Counters::default();
+        let mut account = |radiance| accounted(radiance, Some(2.0), &mut counters);
+        assert_eq!(account([2.0, 1.0, 0.0]), [2.0, 1.0, 0.0]);
+        assert_eq!(account([8.0, 4.0, 0.0]), [2.0, 1.0, 0.0]);
+        assert_eq!(account([f32::MAX, 0.0, f32::MAX]), [2.0, 0.0, 2.0]);
+        let taken = (12.0 - 3.0 + 2.0 * f64::from(f32::MAX) - 4.0) / 3.0;
+        assert_eq!((counters.clamped, counters.clamped_radiance), (2, taken));
     }
 }

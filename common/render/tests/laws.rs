@@ -79,6 +79,7 @@ fn settings(width: u32, height: u32) -> Settings {
         max_depth: 8,
         seed: 1,
         fps: 24.0,
+        clamp: None,
     }
 }
 

@@ -42,4 +42,7 @@ pub struct Settings {
     pub seed: u64,
     /// Frames per second; a frame's time is `frame / fps`.
     pub fps: f64,
+    /// Largest value of any channel of a sample, W/sr/m^2: brighter ones are darkened to it, in their own colour. Positive; none leaves
+    /// the picture unbiased.
+    pub clamp: Option<f32>,
 }

@@ -24,6 +24,7 @@ fn million_units() -> JobSpec {
         max_depth: 8,
         seed: 0,
         fps: 24.0,
+        clamp: None,
     };
     let frames = "0".parse().expect("a frame");
     let scene = SceneId([0; 32]);

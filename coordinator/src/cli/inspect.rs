@@ -131,8 +131,12 @@ impl Inspection {
             frame.triangles, frame.triangles_stored, frame.instances, frame.accel_bytes
         ));
         lines.push(format!(
-            "dropped      {} triangles not finite, {} without area, {} instances, {} primitives of points and lines",
-            frame.dropped_not_finite, frame.dropped_no_area, frame.dropped_instances, self.primitives_skipped
+            "dropped      {} triangles not finite, {} without area, {} instances ({} are flattened), {} primitives of points and lines",
+            frame.dropped_not_finite,
+            frame.dropped_no_area,
+            frame.dropped_instances,
+            frame.flattened_instances,
+            self.primitives_skipped
         ));
         let used: Vec<_> = frame.used().map(|usage| format!("{} ({})", usage.feature, usage.count)).collect();
         lines.push(format!("used         {}", used.join(", ")));

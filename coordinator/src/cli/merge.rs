@@ -44,6 +44,9 @@ pub fn run(args: &MergeArgs) -> Result<(), Fault> {
     let names = FrameNames::new(&args.output, false).map_err(Fault::input)?;
     let parts: Vec<Part> = args.parts.iter().map(|path| read(path)).collect::<Result<_, _>>()?;
     let summary = merge(parts, &names, args.preview)?;
+    for warning in summary.counters.warnings() {
+        eprintln!("warning: {warning}");
+    }
     if args.json {
         print_json(&summary)
     } else {

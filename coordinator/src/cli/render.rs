@@ -226,7 +226,7 @@ impl Run {
     fn take(&mut self, event: JobEvent) -> Result<(), Fault> {
         match event {
             JobEvent::Prepared { build } => self.build = self.build.max(build),
-            JobEvent::Frame(frame) => self.frames.push(frame),
+            JobEvent::Frame(frame) => self.frames.push(*frame),
             JobEvent::Withdrawn(frame) => self.frames.retain(|written| written.frame != frame.0),
             JobEvent::Failed(reason) => return Err(Fault::failed(reason)),
         }

@@ -14,6 +14,7 @@ fn job(number: u64) -> StoredJob {
         max_depth: 4,
         seed: 9,
         fps: 24.0,
+        clamp: None,
     };
     let spec = JobSpec {
         name: "fox".into(),

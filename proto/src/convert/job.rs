@@ -25,6 +25,7 @@ impl From<Settings> for v1::Settings {
             max_depth: settings.max_depth,
             seed: settings.seed,
             fps: settings.fps,
+            clamp: settings.clamp,
         }
     }
 }
@@ -48,6 +49,9 @@ impl TryFrom<v1::Settings> for Settings {
                 return Err(ConvertError::Unknown { family: "filter", value: settings.filter });
             }
         };
+        if let Some(clamp) = settings.clamp.filter(|clamp| !(clamp.is_finite() && *clamp > 0.0)) {
+            return Err(ConvertError::Number { what: "the limit on samples", value: f64::from(clamp) });
+        }
         Ok(Self {
             camera: settings.camera,
             width: settings.width,
@@ -57,6 +61,7 @@ impl TryFrom<v1::Settings> for Settings {
             max_depth: settings.max_depth,
             seed: settings.seed,
             fps: settings.fps,
+            clamp: settings.clamp,
         })
     }
 }
@@ -159,6 +164,7 @@ mod tests {
                 max_depth: 8,
                 seed: u64::MAX,
                 fps: 23.976,
+                clamp: Some(12.5),
             },
             frames: FrameRange::new(1, 24, 2).unwrap(),
             spp: 100,

@@ -77,6 +77,12 @@ impl From<Counters> for v1::Counters {
             nan: counters.nan,
             infinite: counters.infinite,
             negative: counters.negative,
+            dropped: counters.dropped,
+            clamped: counters.clamped,
+            clamped_radiance: counters.clamped_radiance,
+            triangles_not_finite: counters.triangles_not_finite,
+            triangles_without_area: counters.triangles_without_area,
+            instances_flattened: counters.instances_flattened,
         }
     }
 }
@@ -85,6 +91,7 @@ impl From<v1::Counters> for Counters {
     fn from(counters: v1::Counters) -> Self {
         // A worker's counts are added up for years of work at most: cut them where sums could overflow.
         let cut = |count: u64| count.min(1 << 44);
+        let finite = |sum: f64| if sum.is_finite() { sum.clamp(0.0, 1e100) } else { 0.0 };
         Self {
             samples: cut(counters.samples),
             rays_camera: cut(counters.rays_camera),
@@ -93,6 +100,12 @@ impl From<v1::Counters> for Counters {
             nan: cut(counters.nan),
             infinite: cut(counters.infinite),
             negative: cut(counters.negative),
+            dropped: cut(counters.dropped),
+            clamped: cut(counters.clamped),
+            clamped_radiance: finite(counters.clamped_radiance),
+            triangles_not_finite: cut(counters.triangles_not_finite),
+            triangles_without_area: cut(counters.triangles_without_area),
+            instances_flattened: cut(counters.instances_flattened),
         }
     }
 }

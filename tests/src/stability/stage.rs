@@ -37,6 +37,7 @@ impl Stage {
             max_depth: 1,
             seed: 0,
             fps: 1.0,
+            clamp: None,
         };
         Self { scene: Scene::default(), settings }
     }

@@ -56,6 +56,15 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A radiance above zero that single precision holds.
+pub(crate) fn brightness(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        Ok(value) => Err(format!("{value} is not a finite radiance above 0")),
+        Err(_) => Err("write a number".to_owned()),
+    }
+}
+
 /// A distance above zero in metres, or `inf`.
 pub(crate) fn distance(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {

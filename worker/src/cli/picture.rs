@@ -1,6 +1,6 @@
 //! Flags that say what is seen, from where, and how it is computed.
 
-use super::parse::{distance, positive, real, resolution};
+use super::parse::{brightness, distance, positive, real, resolution};
 use farm_film::Resolution;
 use std::path::PathBuf;
 
@@ -74,6 +74,11 @@ pub struct PictureArgs {
         help_heading = "Picture"
     )]
     pub max_depth: u32,
+
+    /// Darkens samples that are brighter than this, in W/sr/m^2, to it; biases the picture, and the light that it took is reported. Off
+    /// unless given
+    #[arg(long, env = "FARM_CLAMP", allow_negative_numbers = true, value_name = "X", value_parser = brightness, help_heading = "Picture")]
+    pub clamp: Option<f32>,
 
     /// Chooses one of 2^64 independent pictures; the same seed gives the same bits
     #[arg(

@@ -57,6 +57,7 @@ impl PictureArgs {
             max_depth: self.max_depth,
             seed: self.seed,
             fps: self.fps,
+            clamp: self.clamp,
         };
         let snapshot = encode(&scene);
         let id = SceneId::of(&snapshot);

@@ -40,6 +40,8 @@ pub struct AccelReport {
     pub dropped_no_area: usize,
     /// Instances of shapes left out because the instance flattens them away, or its place is not finite.
     pub dropped_instances: usize,
+    /// Instances, those that are left out included, that their place flattens or puts nowhere.
+    pub flattened_instances: usize,
     /// Levels of trees: 0 in an empty scene, 2 where there are instances.
     pub levels: usize,
     /// Whether nodes of the upper level move.
@@ -153,6 +155,8 @@ impl Builder {
             Geometry::Rectangle => Some(Shape::Rectangle),
             Geometry::Sphere => Some(Shape::Sphere),
         };
+        let is_flat = shape.is_none() && transform.is_singular();
+        self.report.flattened_instances += usize::from(is_flat);
         let entry = match (&instance.place, shape) {
             (Place::Baked, _) => return,
             (Place::Object(inverse), Some(shape)) => {
@@ -174,11 +178,16 @@ impl Builder {
             }
         };
         match entry {
-            Some((bounds, _)) if !bounds.whole().is_finite() => self.report.dropped_instances += 1,
+            Some((bounds, _)) if !bounds.whole().is_finite() => self.drop_instance(is_flat),
             Some(entry) => self.entries.push(entry),
-            None if shape.is_some() => self.report.dropped_instances += 1,
+            None if shape.is_some() => self.drop_instance(is_flat),
             None => {}
         }
+    }
+
+    fn drop_instance(&mut self, counted: bool) {
+        self.report.dropped_instances += 1;
+        self.report.flattened_instances += usize::from(!counted);
     }
 
     fn shared_part(&mut self, geometry: usize) -> (u32, Option<MovingBox>) {

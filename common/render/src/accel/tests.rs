@@ -628,6 +628,7 @@ fn shapes_are_hit_where_their_surface_says() {
     instances.extend((0..3).map(|g| InstanceDesc { geometry: g, transform: turning(&mut random) }));
     let accel = Accel::build(geometries, instances);
     assert_eq!(accel.report().dropped_instances, 1, "a flattened sphere has nothing to hit");
+    assert_eq!(accel.report().flattened_instances, 1);
     let mut seen = [0; 8];
     for _ in 0..20_000 {
         let ray = random_ray(&mut random);

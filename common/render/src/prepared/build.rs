@@ -32,6 +32,9 @@ pub(super) fn prepare(
     if !(settings.fps.is_finite() && settings.fps > 0.0) {
         return Err(PrepareError::FrameRate(settings.fps));
     }
+    if let Some(clamp) = settings.clamp.filter(|clamp| !(clamp.is_finite() && *clamp > 0.0)) {
+        return Err(PrepareError::Clamp(clamp));
+    }
     let frame_time = f64::from(frame.0) / settings.fps;
     let mut track = Track::new(scene, frame_time, camera.shutter, middle_at_rest(scene));
 

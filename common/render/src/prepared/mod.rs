@@ -47,6 +47,9 @@ pub enum PrepareError {
     /// A frame rate that gives no time.
     #[error("{0} frames per second is no frame rate")]
     FrameRate(f64),
+    /// A limit on samples that leaves nothing, or is none.
+    #[error("samples cannot be limited to {0}: a limit is a finite number above 0")]
+    Clamp(f32),
 }
 
 /// What one instance of the acceleration structure draws.

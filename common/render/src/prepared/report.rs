@@ -30,6 +30,8 @@ pub struct Report {
     pub dropped_no_area: u64,
     /// Instances left out because their place is not finite or flattens them away.
     pub dropped_instances: u64,
+    /// Instances, those that are left out included, that their place flattens or puts nowhere.
+    pub flattened_instances: u64,
     /// Features in a fixed order.
     pub features: Vec<Usage>,
 }
@@ -86,6 +88,7 @@ pub(super) fn of(prepared: &PreparedScene) -> Report {
         dropped_not_finite: accel.dropped_not_finite as u64,
         dropped_no_area: accel.dropped_no_area as u64,
         dropped_instances: accel.dropped_instances as u64,
+        flattened_instances: accel.flattened_instances as u64,
         features: features.map(|(feature, count)| Usage { feature, count }).to_vec(),
     }
 }

@@ -38,6 +38,7 @@ pub(crate) fn spec(width: u32, height: u32, side: u32, spp: u64, frames: &str) -
         max_depth: 8,
         seed: 0,
         fps: 24.0,
+        clamp: None,
     };
     JobSpec {
         name: "test".to_owned(),
