@@ -15,7 +15,7 @@ struct Settings {
     /// Cases to run, such as T29,T34; all of them unless given.
     #[arg(long, value_delimiter = ',')]
     only: Vec<String>,
-    /// More samples, larger inputs, and checks of wall time.
+    /// More samples, larger inputs, 10,000 random scenes, and checks of wall time.
     #[arg(long)]
     full: bool,
     /// Threads; as many as the machine has unless given. Checks of wall time want 1.
@@ -31,7 +31,7 @@ struct Settings {
     /// Also writes all rows as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Also writes the table as Markdown.
+    /// Also writes a table of one line per case as Markdown.
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
 }
@@ -58,8 +58,8 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
     #[cfg(feature = "mutations")]
     if settings.mutations {
         use farm_tests::stability::mutation_proof::{self, Verdict};
-        let print =
-            &mut |verdict: &Verdict| print!("{}", mutation_proof::text(std::slice::from_ref(verdict)));
+        print!("{}", mutation_proof::titles());
+        let print = &mut |verdict: &Verdict| print!("{}", mutation_proof::line(verdict));
         return Ok(mutation_proof::matrix(threads, print).iter().all(Verdict::is_right));
     }
     let cases = chosen(&settings.only)?;

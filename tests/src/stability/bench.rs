@@ -106,6 +106,23 @@ impl Row {
         self.fault.is_none()
     }
 
+    /// How much of what its rule allows is used up: 1 is the limit. Zero where nothing is allowed, or a bound is merely kept.
+    pub fn strain(&self) -> f64 {
+        if !self.passed() {
+            return f64::INFINITY;
+        }
+        let (error, size) = (self.error().abs(), self.expected.abs());
+        let share = match self.rule {
+            Rule::Relative(bound) => error / (bound * size),
+            Rule::Absolute(bound) => error / bound,
+            Rule::Statistical { .. } => {
+                error / (family_z() * self.standard_error.unwrap_or(0.0) + ROUNDING * size)
+            }
+            Rule::Exact | Rule::AtMost | Rule::AtLeast => 0.0,
+        };
+        if share.is_finite() { share } else { 0.0 }
+    }
+
     fn judge(&self) -> Option<String> {
         if self.faults > 0 {
             return Some(format!("{} samples were not finite or negative", self.faults));

@@ -37,6 +37,14 @@ impl Measurement {
         Self { mean: self.mean * factor, standard_error, ..self }
     }
 
+    /// The same for shares that stratified samples count, `spp` for each replicate, of something that begins or ends once within them:
+    /// all replicates may count the same number though the truth lies between it and the next. The count is off by less than
+    /// one, so its spread is at most half of one.
+    pub fn of_steps(self, spp: u64) -> Self {
+        let smallest = 0.5 / spp as f64 / (REPLICATES as f64).sqrt();
+        Self { standard_error: self.standard_error.map(|se| se.max(smallest)), ..self }
+    }
+
     /// The difference of two independent measurements, plus `around`, so that it can be held against that.
     pub fn minus(self, other: Self, around: f64) -> Self {
         let square = |m: Self| m.standard_error.unwrap_or(0.0).powi(2);

@@ -2,8 +2,8 @@
 
 use super::bench::Bench;
 use super::cases::{
-    direct_light, environment, furnaces, fuzz, glossy, lens, limits, motion, numerics, scale, stills,
-    traversal,
+    apertures, direct_light, environment, furnaces, fuzz, glossy, lens, limits, motion, numerics, scale,
+    stills, traversal,
 };
 
 /// One entry of the list of cases.
@@ -97,38 +97,15 @@ pub const CASES: &[Case] = &[
     case("M8", "moving emitters against stills", stills::emitters),
     case("M9", "motion in mirror and glass", stills::seen_otherwise),
     case("M10", "shared mesh, own motions", stills::shared_mesh),
-    case("L1", "aperture shapes", limits::apertures),
-    case("L2", "plane of focus", limits::focal_plane),
+    case("L1", "aperture shapes", apertures::shapes),
+    case("L2", "plane of focus", apertures::focal_plane),
     case("L3", "crowd of emitters", limits::crowd),
     case("L4", "odd lights", limits::odd_lights),
     case("L5", "emitter in a mirror", limits::mirrored_emitter),
     case("L6", "pixels far apart", limits::far_apart),
     case("L7", "pixel filters", limits::filters),
+    case("L8", "limit on samples", limits::limited),
     case("F1", "random scenes", fuzz::random_scenes),
-];
-
-/// Cases that are left out of the short form, and why: red for a known reason, or not yet seen green.
-pub const KNOWN_RED: &[(&str, &str)] = &[
-    ("T17", "not yet measured"),
-    ("T19", "not yet measured"),
-    ("T45", "not yet measured"),
-    ("T59", "not yet measured"),
-    ("T62", "not yet measured"),
-    ("M1", "not yet measured"),
-    ("M2", "not yet measured"),
-    ("M3", "not yet measured"),
-    ("M4", "not yet measured"),
-    ("M5", "not yet measured"),
-    ("M6", "not yet measured"),
-    ("M7", "not yet measured"),
-    ("M8", "not yet measured"),
-    ("M9", "not yet measured"),
-    ("M10", "not yet measured"),
-    ("L1", "not yet measured"),
-    ("L3", "not yet measured"),
-    ("L4", "not yet measured"),
-    ("L5", "not yet measured"),
-    ("L7", "not yet measured"),
 ];
 
 #[cfg(test)]
@@ -140,6 +117,5 @@ mod tests {
         let mut ids: Vec<_> = CASES.iter().map(|case| case.id).collect();
         ids.sort_unstable();
         assert!(ids.windows(2).all(|pair| pair[0] != pair[1]));
-        assert!(KNOWN_RED.iter().all(|(id, _)| ids.binary_search(id).is_ok()));
     }
 }

@@ -85,14 +85,41 @@ pub fn text(rows: &[Row]) -> String {
     out
 }
 
-/// A Markdown table.
+/// A Markdown table of one line per case: how many checks it makes, and the one of them that uses most of what its rule allows.
 pub fn markdown(rows: &[Row]) -> String {
-    let mut out = String::new();
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    out.push_str(&line(&TITLES.map(str::to_owned)));
-    out.push_str(&line(&TITLES.map(|_| "---".to_owned())));
-    for row in rows {
-        out.push_str(&line(&cells(row).map(|cell| cell.replace('|', "\\|"))));
+    let titles = [
+        "case",
+        "what",
+        "checks",
+        "closest of them",
+        "expected",
+        "measured",
+        "in SE",
+        "samples",
+        "s",
+        "verdict",
+    ];
+    let mut out = line(&titles.map(str::to_owned));
+    out.push_str(&line(&titles.map(|_| "---".to_owned())));
+    for case in rows.chunk_by(|a, b| a.id == b.id) {
+        // The first of those that are alike.
+        let closest =
+            case.iter().rev().max_by(|a, b| a.strain().total_cmp(&b.strain())).expect("no empty case");
+        let red = case.iter().filter(|row| !row.passed()).count();
+        let cells = [
+            closest.id.to_owned(),
+            closest.what.to_owned(),
+            case.len().to_string(),
+            closest.parameters.clone(),
+            number(closest.expected),
+            number(closest.measured),
+            closest.sigmas().map_or_else(|| "-".to_owned(), |sigmas| format!("{sigmas:+.1}")),
+            case.iter().map(|row| row.samples).sum::<u64>().to_string(),
+            format!("{:.1}", case.iter().map(|row| row.seconds).sum::<f64>()),
+            if red == 0 { "ok".to_owned() } else { format!("{red} FAILED") },
+        ];
+        out.push_str(&line(&cells.map(|cell| cell.replace('|', "\\|"))));
     }
     let _ = write!(out, "\n{}", summary(rows));
     out
@@ -104,4 +131,25 @@ pub fn summary(rows: &[Row]) -> String {
     let samples: u64 = rows.iter().map(|row| row.samples).sum();
     let seconds: f64 = rows.iter().map(|row| row.seconds).sum();
     format!("{} checks, {red} failed; {samples} samples, {seconds:.1} seconds of one thread\n", rows.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stability::bench::{Bench, Effort};
+
+    #[test]
+    fn a_case_is_shown_by_its_closest_check_or_its_failure() {
+        let mut bench = Bench::new("T0", "made up | odd", Effort::Short);
+        bench.relative("far", 1.0, 1.001, 0.1);
+        bench.relative("near", 1.0, 1.09, 0.1);
+        let rows = bench.into_rows();
+        let line = markdown(&rows).lines().nth(2).unwrap_or_default().to_owned();
+        assert!(line.starts_with("| T0 | made up \\| odd | 2 | near | 1 | 1.09 |"), "{line}");
+        let mut bench = Bench::new("T1", "made up", Effort::Short);
+        bench.relative("near", 1.0, 1.09, 0.1);
+        bench.exact("wrong", 1.0, 2.0);
+        let text = markdown(&bench.into_rows());
+        assert!(text.contains("| wrong | 1 | 2 |") && text.contains("1 FAILED"), "{text}");
+    }
 }

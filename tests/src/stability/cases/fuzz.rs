@@ -99,7 +99,7 @@ fn edge_or_inside(chance: &mut Chance) -> f32 {
 }
 
 fn material(chance: &mut Chance) -> Material {
-    let ior = [1.0, 1.0001, 1.33, 1.5, 2.42, 100.0, 0.0][chance.below(7)];
+    let ior = [1.0, 1.0001, 1.33, 1.5, 2.42, 100.0, f32::MAX, 0.0][chance.below(8)];
     let transmission = (chance.below(4) == 0).then(|| Textured::constant(edge_or_inside(chance)));
     let surface = match chance.below(8) {
         0 => Surface::Unlit,
@@ -232,6 +232,11 @@ fn pieces(scene: &PreparedScene, whole: &Picture) -> f64 {
     Picture { pixels: film.pixels(), ..whole.clone() }.differing(whole)
 }
 
+/// The command that renders one seed's scene again.
+fn replay(seed: u64) -> String {
+    format!("see it again with `cargo run --release -p farm-tests --bin stability -- --scene {seed}`")
+}
+
 /// Scenes by the hundred, or by the ten thousand.
 pub fn random_scenes(bench: &mut Bench) {
     let seeds = bench.pick(400u64, 10_000);
@@ -240,8 +245,8 @@ pub fn random_scenes(bench: &mut Bench) {
     for seed in 0..seeds {
         match std::panic::catch_unwind(|| try_seed(seed)) {
             Ok(Ok(found)) => counters = counters.plus(found),
-            Ok(Err(reason)) => failures.push(format!("{reason}; replay with --scene {seed}")),
-            Err(_) => failures.push(format!("panic; replay with --scene {seed}")),
+            Ok(Err(reason)) => failures.push(format!("{reason}; {}", replay(seed))),
+            Err(_) => failures.push(format!("panic; {}", replay(seed))),
         }
     }
     let found = Measurement { mean: failures.len() as f64, standard_error: None, counters };

@@ -42,7 +42,8 @@ pub fn mirror(bench: &mut Bench) {
             stage.place(stage::floor(0.0, 1e3), stage::white_metal(alpha));
             stage.camera(from, DVec3::ZERO, Projection::Orthographic { ymag: 1e-4 });
             let sky = patterned_sky(&mut stage, 8, 4);
-            let picture = measure::picture(&stage, 64);
+            // One sample in 10^4 of the narrow lobe is taken from a light instead and weighs as much as thousands of others.
+            let picture = measure::picture(&stage, if alpha == 0.0 { 64 } else { 16_384 });
             samples = samples.plus(picture.counters);
             let expected = texel(&sky, 8, mirrored);
             if alpha == 0.0 {

@@ -1,5 +1,6 @@
 //! The cases, by chapter. What each one's letter and number stand for is said where it is registered.
 
+pub mod apertures;
 pub mod direct_light;
 pub mod environment;
 pub mod furnaces;

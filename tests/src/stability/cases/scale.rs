@@ -4,7 +4,9 @@ use crate::stability::bench::Bench;
 use crate::stability::cases::motion::still_life;
 use crate::stability::measure::{self, Measurement, Picture};
 use crate::stability::stage::{self, Stage};
-use farm_scene::{LightKind, Material, Mesh, Projection, Transform};
+use farm_scene::{
+    Dielectric, Integrator, LightKind, Material, Mesh, Projection, Surface, Textured, Transform, Volume,
+};
 use glam::{DMat4, DQuat, DVec3, Mat4, Vec3};
 
 /// T45: nothing comes through the walls of a closed box.
@@ -38,6 +40,9 @@ fn scale(stage: &mut Stage, factor: f32) {
     for mesh in &mut stage.scene.meshes {
         mesh.positions.iter_mut().for_each(|position| *position *= factor);
     }
+    for volume in stage.scene.materials.iter_mut().filter_map(|material| material.volume.as_mut()) {
+        volume.attenuation_distance *= factor;
+    }
     for node in &mut stage.scene.nodes {
         node.motion_vector = node.motion_vector.map(|vector| vector * factor);
     }
@@ -69,9 +74,17 @@ fn scale(stage: &mut Stage, factor: f32) {
     }
 }
 
-/// The still life with every kind of light, a lens, motion and an instance with a scale of its own.
+/// The still life with every kind of light, coloured glass, a lens, motion and an instance with a scale of its own.
 pub fn everything() -> Stage {
-    let mut stage = still_life();
+    let mut stage = still_life().depth(5);
+    let surface = Surface::MetallicRoughness {
+        metallic: Textured::constant(0.0),
+        roughness: Textured::constant(0.2),
+        dielectric: Dielectric { ior: 1.5, specular: None, transmission: Some(Textured::constant(1.0)) },
+    };
+    let volume = Volume { attenuation_distance: 0.5, attenuation_color: Vec3::new(0.9, 0.5, 0.2) };
+    let glass = Material { surface, volume: Some(volume), ..stage::grey(1.0) };
+    stage.place(stage::globe(Vec3::new(-0.2, 0.4, 1.2), 0.4, 8), glass);
     let at = |x: f64, y: f64, z: f64| stage::look(DVec3::new(x, y, z), DVec3::new(0.0, 0.3, 0.0));
     let radiance = Vec3::new(3.0, 2.0, 1.0);
     stage.light(LightKind::Sphere { radiance, radius: 0.2 }, at(-2.0, 2.0, 1.0));
@@ -93,14 +106,18 @@ pub fn everything() -> Stage {
 
 /// T46: a scene times a power of two is the same picture, to the bit: no length is compared with a constant.
 pub fn powers_of_two(bench: &mut Bench) {
-    let reference = measure::picture(&everything(), 64);
-    bench.at_least("mean radiance", 0.01, reference.mean());
-    for exponent in [-20, -1, 10, 20] {
+    for integrator in [Integrator::Path, Integrator::Distribution] {
         let mut stage = everything();
-        scale(&mut stage, 2f32.powi(exponent));
-        let picture = measure::picture(&stage, 64);
-        let found = Measurement { mean: picture.differing(&reference), ..count(&picture) };
-        bench.exact(format!("times 2^{exponent}: channels that differ"), 0.0, found);
+        stage.settings.integrator = integrator;
+        let reference = measure::picture(&stage, 64);
+        bench.at_least(format!("{integrator:?}: mean radiance"), 0.01, reference.mean());
+        for exponent in [-20, -1, 10, 20] {
+            let mut scaled = stage.clone();
+            scale(&mut scaled, 2f32.powi(exponent));
+            let picture = measure::picture(&scaled, 64);
+            let found = Measurement { mean: picture.differing(&reference), ..count(&picture) };
+            bench.exact(format!("{integrator:?}, times 2^{exponent}: channels that differ"), 0.0, found);
+        }
     }
 }
 
@@ -204,6 +221,11 @@ pub fn scaled_instances(bench: &mut Bench) {
     let mut flat = body(None);
     flat.scene.nodes[1].transform = stage::scaled(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0));
     let picture = measure::picture(&flat, spp);
+    bench.exact(
+        "scale (1, 1, 0): instances counted as flattened",
+        1.0,
+        picture.counters.instances_flattened as f64,
+    );
     bench.at_least(
         "scale (1, 1, 0): a picture without faults",
         0.01,
@@ -240,9 +262,10 @@ pub fn broken_triangles(bench: &mut Bench) {
     let picture = measure::picture(&stage, 64);
     let found = Measurement { mean: picture.differing(&reference), ..count(&picture) };
     bench.exact("NaN, infinite, without area, double: channels that differ", 0.0, found);
-    let scene = measure::prepared(&stage, 0);
-    bench.exact("counted as not finite", 4.0, scene.report().dropped_not_finite as f64);
-    bench.exact("counted as without area", 3.0, scene.report().dropped_no_area as f64);
+    let counters = picture.counters;
+    bench.exact("counted with the result as not finite", 4.0, counters.triangles_not_finite as f64);
+    bench.exact("counted with the result as without area", 3.0, counters.triangles_without_area as f64);
+    bench.holds("the clean scene has nothing to count", reference.counters.warnings().is_empty());
     needles(bench);
 }
 
