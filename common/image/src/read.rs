@@ -14,6 +14,12 @@ use std::path::Path;
 /// Most pixels a picture may have: 3.2 GB of them. A small damaged file can announce any size.
 const PIXELS_MAX: u64 = 1 << 28;
 
+/// Samples, of all channels together, that any file may have: a small picture of one colour is compressed to next to nothing.
+const SAMPLES_FREE: u64 = 1 << 24;
+
+/// Samples beyond that, per byte of the file: one colour of half floats, as well as it is ever compressed.
+const SAMPLES_PER_BYTE: u64 = 2048;
+
 /// A picture from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -73,6 +79,10 @@ fn read_exr<R: Read + Seek + Send>(mut file: BufReader<R>, bytes: u64) -> Result
         let pixels = (width as u64).saturating_mul(height as u64);
         if pixels > PIXELS_MAX {
             return Err(ImageError::TooLarge { pixels, allowed: PIXELS_MAX });
+        }
+        let samples = pixels.saturating_mul(header.channels.list.len() as u64);
+        if samples > SAMPLES_FREE.saturating_add(bytes.saturating_mul(SAMPLES_PER_BYTE)) {
+            return Err(ImageError::Exr(format!("it claims {samples} samples, far more than it can hold")));
         }
         if (header.chunk_count as u64).saturating_mul(8) > bytes {
             return Err(ImageError::Exr("it is shorter than its own table of contents".to_owned()));

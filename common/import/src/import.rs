@@ -18,6 +18,9 @@ use gltf::json::Root;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+/// Elements that a primitive of a node is charged as: it takes that many times longer to look at than a vertex.
+const DRAWN_ELEMENTS: u64 = 32;
+
 /// What to take from a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ImportOptions {
@@ -153,7 +156,10 @@ impl Context<'_> {
             let mesh_place = node_place.then("mesh", mesh, root.meshes[mesh].name.as_deref());
             let is_weighted = selection.numbers[node].is_some_and(|number| weighted.contains(&number));
             let morphed = is_weighted || weights_of(root, node).iter().any(|&weight| weight != 0.0);
-            for (primitive, part) in root.meshes[mesh].primitives.iter().enumerate() {
+            let primitives = &root.meshes[mesh].primitives;
+            // A mesh of many parts may be named by many nodes.
+            self.accessors.charge(primitives.len() as u64 * DRAWN_ELEMENTS, &mesh_place)?;
+            for (primitive, part) in primitives.iter().enumerate() {
                 let place = mesh_place.then("primitive", primitive, None);
                 let Some(geometry) = Geometry::of(part, &place)? else {
                     self.warnings
@@ -279,7 +285,8 @@ impl Context<'_> {
     fn add_copies(&self, scene: &mut Scene, selection: &Selection) -> Result<(), Fault> {
         for (number, &index) in selection.nodes.iter().enumerate().filter(|(_, node)| selection.drawn[**node])
         {
-            let Some(copies) = node::read_copies(&self.document.root, index, self.accessors)? else {
+            let drawn = scene.nodes[number].instances.len() + scene.nodes[number].morph_weights.len();
+            let Some(copies) = node::read_copies(&self.document.root, index, drawn, self.accessors)? else {
                 continue;
             };
             let instances = std::mem::take(&mut scene.nodes[number].instances);

@@ -8,6 +8,7 @@ use farm_scene::{Node, Skin, Transform};
 use glam::{DQuat, DVec3, Mat4, Vec3};
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::{Index, Root};
+use std::collections::BTreeSet;
 
 /// Nodes of the chosen scene, parents before children, and nodes above its skins' joints.
 pub(crate) struct Selection {
@@ -44,9 +45,10 @@ impl Selection {
             open.extend(children(node));
         }
         let mut wanted = drawn.clone();
-        let skins =
-            (0..root.nodes.len()).filter(|&node| drawn[node]).filter_map(|node| root.nodes[node].skin);
-        for joint in skins.flat_map(|skin| &root.skins[skin.value()].joints) {
+        let skinned = (0..root.nodes.len()).filter(|&node| drawn[node]);
+        let skins: BTreeSet<usize> =
+            skinned.filter_map(|node| root.nodes[node].skin).map(|it| it.value()).collect();
+        for joint in skins.into_iter().flat_map(|skin| &root.skins[skin].joints) {
             let mut above = Some(joint.value());
             while let Some(node) = above.filter(|&node| !wanted[node]) {
                 wanted[node] = true;
@@ -74,10 +76,25 @@ impl Selection {
 fn keep_topmost(roots: &mut Vec<usize>, parents: &mut [Option<usize>]) {
     let mut listed = vec![false; parents.len()];
     roots.retain(|&root| !std::mem::replace(&mut listed[root], true));
-    let below_another = |&root: &usize| {
-        std::iter::successors(parents[root], |&above| parents[above]).any(|above| listed[above])
+    // Answers are remembered on the way up: many roots may share a long way.
+    let mut below: Vec<Option<bool>> = vec![None; parents.len()];
+    let mut below_another = |root: usize| {
+        let (mut way, mut node) = (vec![], root);
+        let answer = loop {
+            if let Some(known) = below[node] {
+                break known;
+            }
+            way.push(node);
+            match parents[node] {
+                None => break false,
+                Some(above) if listed[above] => break true,
+                Some(above) => node = above,
+            }
+        };
+        way.into_iter().for_each(|node| below[node] = Some(answer));
+        answer
     };
-    let topmost: Vec<usize> = roots.iter().copied().filter(|root| !below_another(root)).collect();
+    let topmost: Vec<usize> = roots.iter().copied().filter(|&root| !below_another(root)).collect();
     topmost.iter().for_each(|&root| parents[root] = None);
     *roots = topmost;
 }
@@ -136,10 +153,15 @@ pub(crate) fn read_skin(
     Ok(Skin { joints, inverse_bind })
 }
 
-/// The places of EXT_mesh_gpu_instancing relative to the node; none when the node has no such extension.
+/// Elements that a copy of a node is charged as, beside its instances: it has a transform, a name and lists of its own.
+const COPY_ELEMENTS: u64 = 128;
+
+/// The places of EXT_mesh_gpu_instancing relative to the node, which draws `instances`; none when the node has no such
+/// extension.
 pub(crate) fn read_copies(
     root: &Root,
     index: usize,
+    instances: usize,
     accessors: &Accessors,
 ) -> Result<Option<Vec<Transform>>, Fault> {
     const NAME: &str = "EXT_mesh_gpu_instancing";
@@ -167,7 +189,9 @@ pub(crate) fn read_copies(
         "has attributes of different counts".to_owned()
     })?;
     // A node takes far more memory than an element.
-    accessors.charge((count as u64).saturating_mul(16), &place)?;
+    let text = node.name.as_ref().map_or(0, String::len) / 8;
+    let each = COPY_ELEMENTS + 2 * instances as u64 + text as u64;
+    accessors.charge((count as u64).saturating_mul(each), &place)?;
     let vector = |values: [f32; 3]| DVec3::from_array(values.map(f64::from));
     let copies = (0..count).map(|copy| Transform::Trs {
         translation: translations.as_ref().map_or(DVec3::ZERO, |reader| vector(reader.floats(copy))),

@@ -35,17 +35,22 @@ impl Extent {
     }
 }
 
+/// Beyond this effort, a second or so, meshes are framed as they are at rest.
+const EFFORT_MAX: u64 = 1 << 27;
+
 /// Around everything that is drawn at time 0; none when nothing is.
 pub(crate) fn extent(scene: &Scene) -> Option<Extent> {
     let places = places(scene);
     let shapes: Vec<Extent> = scene.meshes.iter().map(shape).collect();
+    let exactly = effort(scene) <= EFFORT_MAX;
     let mut all = Extent::EMPTY;
     for (index, (node, place)) in scene.nodes.iter().zip(&places).enumerate() {
         for instance in &node.instances {
             let mesh = &scene.meshes[instance.mesh as usize];
-            let shape = morphed(shapes[instance.mesh as usize], mesh, scene, index);
+            let rest = shapes[instance.mesh as usize];
+            let shape = if exactly { morphed(rest, mesh, scene, index) } else { rest };
             match (node.skin, &mesh.skinning) {
-                (Some(skin), Some(skinning)) => {
+                (Some(skin), Some(skinning)) if exactly => {
                     let joints: Vec<DMat4> = joint_places(&scene.skins[skin as usize], &places).collect();
                     add_skinned(&mut all, mesh, skinning, &joints);
                 }
@@ -57,6 +62,23 @@ pub(crate) fn extent(scene: &Scene) -> Option<Extent> {
         }
     }
     (!all.is_empty()).then_some(all)
+}
+
+/// Vertices, and the like, that deforming everything has to look at.
+fn effort(scene: &Scene) -> u64 {
+    let instances =
+        scene.nodes.iter().flat_map(|node| node.instances.iter().map(move |it| (node.skin, it.mesh)));
+    let efforts = instances.map(|(skin, mesh)| {
+        let mesh = &scene.meshes[mesh as usize];
+        let vertices = mesh.positions.len();
+        let (targets, channels) = (mesh.morph_targets.len(), scene.channels.len());
+        let morphed = if targets > 0 { vertices.saturating_mul(targets).saturating_add(channels) } else { 0 };
+        let influences = mesh.skinning.as_ref().map_or(0, |skinning| skinning.influences as usize);
+        let joints = skin.map_or(0, |skin| scene.skins[skin as usize].joints.len());
+        let skinned = if joints > 0 { vertices.saturating_mul(influences).saturating_add(joints) } else { 0 };
+        (morphed as u64).saturating_add(skinned as u64)
+    });
+    efforts.fold(0, u64::saturating_add)
 }
 
 fn add_placed(all: &mut Extent, shape: Extent, place: DMat4) {

@@ -11,7 +11,7 @@ use gltf::json::extensions::texture::TextureTransform;
 use gltf::json::texture::{Info, MagFilter as FileFilter, MinFilter, Sampler, WrappingMode};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root};
-use image::{DynamicImage, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -22,6 +22,12 @@ const IMAGE_SIDE_MAX: u32 = 1 << 15;
 
 /// Bytes that decoding an image may take: a square of 2^14 pixels, 8 bits each of RGBA.
 const IMAGE_BYTES_MAX: u64 = 1 << 30;
+
+/// Bytes that all images of a scene may take together, however small their files.
+const IMAGES_BYTES_FREE: u64 = 4 << 30;
+
+/// Bytes beyond that, per byte of their files: photographs are compressed to a tenth, flat colour to a thousandth.
+const DECODED_PER_BYTE: u64 = 64;
 
 /// The textures that materials have asked for so far.
 pub(crate) struct Textures<'a> {
@@ -110,6 +116,17 @@ impl<'a> Textures<'a> {
 
     /// Decodes the images, several at a time: that is most of what importing takes.
     pub fn decode(self) -> Result<(Vec<Texture>, Vec<Image>), Fault> {
+        let sizes = self.images.iter().map(|encoded| {
+            let size = decoded_bytes(&encoded.bytes);
+            let size = size.map_err(|what| Fault::at(encoded.place.clone(), what))?;
+            Ok((size, encoded.bytes.len() as u64))
+        });
+        let sizes: Vec<(u64, u64)> = sizes.collect::<Result<_, Fault>>()?;
+        let (decoded, encoded) = sizes.iter().fold((0, 0), |sum, size| (sum.0 + size.0, sum.1 + size.1));
+        if decoded > IMAGES_BYTES_FREE + DECODED_PER_BYTE * encoded {
+            let what = format!("take {decoded} bytes from {encoded} in their files; make them smaller");
+            return Err(Fault::at("images", what));
+        }
         let decode = |encoded: Encoded| {
             let Encoded { name, place, bytes } = encoded;
             let decoded = decode(&bytes).map_err(|what| Fault::at(place, what))?;
@@ -147,8 +164,23 @@ impl<'a> Textures<'a> {
     }
 }
 
-/// Decodes a PNG or JPEG; its first bytes, not its name or type, tell which.
+/// What an image takes once it is decoded, as its header says.
+fn decoded_bytes(bytes: &[u8]) -> Result<u64, String> {
+    let decoder = reader(bytes)?.into_decoder();
+    decoder.map(|decoder| decoder.total_bytes()).map_err(|err| format!("cannot be decoded: {err}"))
+}
+
+/// Decodes a PNG or JPEG.
 fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let image = reader(bytes)?.decode().map_err(|err| format!("cannot be decoded: {err}"))?;
+    if image.width() == 0 || image.height() == 0 {
+        return Err("has no pixels".to_owned());
+    }
+    Ok(image)
+}
+
+/// A reader of a PNG or JPEG; its first bytes, not its name or type, tell which.
+fn reader(bytes: &[u8]) -> Result<ImageReader<Cursor<&[u8]>>, String> {
     if bytes.starts_with(b"\xabKTX 20\xbb") {
         let what = "is a KTX2 image (KHR_texture_basisu), which cannot be read; convert it to PNG or JPEG";
         return Err(what.to_owned());
@@ -163,11 +195,7 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
         return Err("is neither PNG nor JPEG; convert it to one of them".to_owned());
     }
     reader.limits(limits);
-    let image = reader.decode().map_err(|err| format!("cannot be decoded: {err}"))?;
-    if image.width() == 0 || image.height() == 0 {
-        return Err("has no pixels".to_owned());
-    }
-    Ok(image)
+    Ok(reader)
 }
 
 fn pixels_of(image: DynamicImage) -> Pixels {
