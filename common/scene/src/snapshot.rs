@@ -1,10 +1,25 @@
 //! A scene as bytes, and the name those bytes give it. The only place that knows bincode.
 
 use crate::{Scene, SceneError, Settings};
+use bincode::error::DecodeError;
 use serde::{Deserialize, Serialize};
 
-/// Most bytes a snapshot may claim while it is decoded: what a worker could hold.
+/// Most bytes that a snapshot may have: what a worker could hold.
 const SNAPSHOT_BYTES_MAX: usize = 16 << 30;
+
+/// Decodes with a limit of its own.
+type Decode = fn(&[u8]) -> Result<(Scene, usize), DecodeError>;
+
+/// How much is decoded of snapshots up to a size. Texts are allocated as long as they claim to be, so that the limit has to
+/// be near the snapshot's own size; and it has to be known when this is compiled.
+const DECODERS: [(usize, Decode); 6] = [
+    (1 << 16, decode_within::<{ 1 << 17 }>),
+    (1 << 20, decode_within::<{ 1 << 21 }>),
+    (1 << 24, decode_within::<{ 1 << 25 }>),
+    (1 << 28, decode_within::<{ 1 << 29 }>),
+    (1 << 32, decode_within::<{ 1 << 33 }>),
+    (SNAPSHOT_BYTES_MAX, decode_within::<{ 2 * SNAPSHOT_BYTES_MAX }>),
+];
 
 /// Digest (BLAKE3) of a scene's snapshot.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -59,14 +74,20 @@ pub fn settings_digest(settings: &Settings) -> [u8; 32] {
 
 /// The scene that `snapshot` holds, checked like any other input.
 pub fn decode(snapshot: &[u8]) -> Result<Scene, SnapshotError> {
-    let config = bincode::config::standard().with_fixed_int_encoding().with_limit::<SNAPSHOT_BYTES_MAX>();
-    let (scene, read): (Scene, usize) = bincode::serde::decode_from_slice(snapshot, config)
-        .map_err(|err| SnapshotError::Decode(err.to_string()))?;
+    let fitting = DECODERS.iter().find(|(bytes_max, _)| snapshot.len() <= *bytes_max);
+    let (_, decode) =
+        fitting.ok_or_else(|| SnapshotError::Decode("it is larger than any worker".to_owned()))?;
+    let (scene, read) = decode(snapshot).map_err(|err| SnapshotError::Decode(err.to_string()))?;
     if read != snapshot.len() {
         return Err(SnapshotError::Trailing(snapshot.len() - read));
     }
     scene.validate()?;
     Ok(scene)
+}
+
+fn decode_within<const LIMIT: usize>(snapshot: &[u8]) -> Result<(Scene, usize), DecodeError> {
+    let config = bincode::config::standard().with_fixed_int_encoding().with_limit::<LIMIT>();
+    bincode::serde::decode_from_slice(snapshot, config)
 }
 
 #[cfg(test)]
