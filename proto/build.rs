@@ -4,8 +4,8 @@ use prost::Message;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo::rerun-if-changed=farm");
-    let files =
-        protox::compile(["farm/v1/types.proto", "farm/v1/farm.proto", "farm/v1/control.proto"], ["."])?;
+    let files = ["types", "farm", "control", "trust"].map(|name| format!("farm/v1/{name}.proto"));
+    let files = protox::compile(files, ["."])?;
     // For tools that ask a running coordinator what it understands.
     let folder = std::env::var("OUT_DIR")?;
     std::fs::write(std::path::Path::new(&folder).join("farm_descriptor.bin"), files.encode_to_vec())?;

@@ -4,13 +4,15 @@ use crate::pieces;
 use bytes::Bytes;
 use farm_film::FrameIndex;
 use farm_job::{Digest, JobId, JobSpec, WorkerId};
-use farm_proto::MESSAGE_BYTES_MAX;
+use farm_proto::CONTROL_BYTES_MAX;
 use farm_proto::convert::{ConvertError, JobView, WatchView, WorkerView};
 use farm_proto::v1::{self, control_client::ControlClient};
 use farm_scene::SceneId;
+use farm_worker::access::{Access, DialError, dial, refused_by_tls};
 use farm_worker::cli::Fault;
 use std::collections::{BTreeMap, BTreeSet};
-use tonic::transport::{Channel, Endpoint};
+use std::error::Error;
+use tonic::transport::Channel;
 use tonic::{Code, Status};
 
 /// A coordinator elsewhere.
@@ -20,6 +22,9 @@ pub struct Client {
 
 /// What the user asked wrongly is told from what went wrong.
 fn fault(status: Status) -> Fault {
+    if let Some(reason) = status.source().and_then(refused_by_tls) {
+        return Fault::failed(format!("coordinator: {reason}"));
+    }
     let sentence =
         if status.message().is_empty() { status.code().to_string() } else { status.message().to_owned() };
     match status.code() {
@@ -42,16 +47,17 @@ fn nonsense(err: ConvertError) -> Fault {
 
 impl Client {
     /// Connects to `HOST:PORT`.
-    pub async fn connect(address: &str) -> Result<Self, Fault> {
-        let endpoint = Endpoint::from_shared(format!("http://{address}")).map_err(|_| {
-            Fault::input(format!("{address:?} is no address of a coordinator: write HOST:PORT"))
-        })?;
-        let channel = endpoint.connect().await.map_err(|_| {
-            Fault::failed(format!("no coordinator at {address}: start one there with coordinator serve"))
+    pub async fn connect(address: &str, access: &Access) -> Result<Self, Fault> {
+        let channel = dial(address, access).await.map_err(|err| match err {
+            DialError::Address(_) => Fault::input(err),
+            DialError::Refused(reason) => Fault::failed(format!("the coordinator at {address}: {reason}")),
+            DialError::Failed(reason) => Fault::failed(format!(
+                "no coordinator at {address} ({reason}): start one there with coordinator serve"
+            )),
         })?;
         let control = ControlClient::new(channel)
-            .max_decoding_message_size(MESSAGE_BYTES_MAX)
-            .max_encoding_message_size(MESSAGE_BYTES_MAX);
+            .max_decoding_message_size(CONTROL_BYTES_MAX)
+            .max_encoding_message_size(CONTROL_BYTES_MAX);
         Ok(Self { control })
     }
 

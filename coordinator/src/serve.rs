@@ -1,6 +1,7 @@
 //! A coordinator that serves many jobs, and goes on where it was when it starts again.
 
 use crate::check::check_header;
+use crate::cli::{Doors, announce};
 use crate::driver;
 use crate::farm::{Ending, Farm, JobOrder, Submission};
 use crate::outputs::Outputs;
@@ -11,14 +12,13 @@ use farm_film::{Counters, FilmTile, FrameIndex};
 use farm_job::JobState;
 use farm_worker::cli::Fault;
 use farm_worker::frames::partial_header;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use tracing::{info, warn};
 
 /// Serves until a signal comes, or until another coordinator takes the store over. Whatever was acknowledged is in the
 /// store; workers wait for the next start.
 pub async fn serve(
-    address: SocketAddr,
+    doors: &Doors,
     location: &StoreLocation,
     patience: Patience,
     verify: f64,
@@ -30,7 +30,7 @@ pub async fn serve(
     };
     let mut lost = store.lost();
     let served = tokio::select! {
-        served = serve_from(address, store.clone(), verify, &mut signals) => served,
+        served = serve_from(doors, store.clone(), verify, &mut signals) => served,
         Ok(by) = lost.wait_for(Option::is_some) => {
             let by = by.clone().unwrap_or_default();
             // Nothing more may be said to anyone: what is under way ends with the process.
@@ -42,12 +42,12 @@ pub async fn serve(
 }
 
 async fn serve_from(
-    address: SocketAddr,
+    doors: &Doors,
     store: Arc<Store>,
     verify: f64,
     signals: &mut Signals,
 ) -> Result<(), Fault> {
-    let listener = Listener::bind_or_fault(address).await?;
+    let listener = Listener::bind(doors).await?;
     let farm = driver::start(Some(store.clone()), verify)
         .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
     let jobs = store.jobs().await.map_err(Fault::failed)?;
@@ -55,7 +55,8 @@ async fn serve_from(
         restore(&farm, &store, job).await.map_err(Fault::failed)?;
     }
     eprintln!("listening on {}", listener.address());
-    listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs)));
+    announce(&doors.security, listener.address())?;
+    listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs)))?;
     signals.next().await;
     info!("stopping; everything acknowledged is kept");
     Ok(())

@@ -5,7 +5,9 @@
 pub mod convert;
 mod limits;
 
-pub use limits::{MESSAGE_BYTES_MAX, PARTIAL_BYTES_MAX, SCENE_CHUNK_BYTES};
+pub use limits::{
+    CONTROL_BYTES_MAX, ENROL_BYTES_MAX, MESSAGE_BYTES_MAX, PARTIAL_BYTES_MAX, SCENE_CHUNK_BYTES,
+};
 
 /// Messages as they travel.
 #[allow(missing_docs, clippy::all, unused_qualifications)]

@@ -11,3 +11,9 @@ pub const MESSAGE_BYTES_MAX: usize = PARTIAL_BYTES_MAX + (1 << 20);
 /// Bytes of a scene per message: large enough that the cost of a message does not show, small enough that heartbeats on
 /// the same connection are not held up.
 pub const SCENE_CHUNK_BYTES: usize = 1 << 20;
+
+/// Largest message of people and scripts: a piece of a file with what goes with it, or a list of some ten thousand jobs.
+pub const CONTROL_BYTES_MAX: usize = 8 << 20;
+
+/// Largest message of a stranger: a token and a signing request.
+pub const ENROL_BYTES_MAX: usize = 64 << 10;

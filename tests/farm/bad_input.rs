@@ -89,13 +89,16 @@ fn addresses_that_cannot_be_used_are_refused() {
     let place = Place::new();
     let (_holder, address) = serving(&place, &["--resolution", "8x8"]);
     refused(&place, &run(render(&place, "out.exr", &["--listen", &address])), 1, &[&address, "in use"]);
-    refused(&place, &run(render(&place, "out.exr", &["--listen", "0.0.0.0:0"])), 2, &["0.0.0.0:0"]);
+    let open = ["--listen", "0.0.0.0:0", "--insecure"];
+    refused(&place, &run(render(&place, "out.exr", &open)), 2, &["0.0.0.0", "--insecure=public"]);
+    refused(&place, &run(render(&place, "out.exr", &["--listen", "0.0.0.0:0"])), 2, &["--trust"]);
     let joining = |address: &str| {
         let mut command = worker();
         command.args(["--connect", address, "--retry-for", "0s"]);
         run(command)
     };
     refused(&place, &joining("127.0.0.1:1"), 1, &["no coordinator at 127.0.0.1:1"]);
-    refused(&place, &joining("no address"), 2, &["no address", "HOST:PORT"]);
+    refused(&place, &joining("192.0.2.1:7878"), 2, &["192.0.2.1:7878", "--ca-fingerprint"]);
+    refused(&place, &joining("no address"), 2, &["no address"]);
     refused(&place, &run(worker()), 2, &["--connect"]);
 }

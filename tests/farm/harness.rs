@@ -46,6 +46,8 @@ fn program(name: &str) -> Command {
             command.env_remove(variable);
         }
     }
+    // Nothing is remembered from one test to the next: this is no folder.
+    command.env("XDG_STATE_HOME", "none");
     command.stdin(Stdio::null());
     command
 }

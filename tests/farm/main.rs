@@ -3,9 +3,11 @@
 mod bad_input;
 mod bucket;
 mod by_hand;
+mod closed;
 mod durability;
 mod harness;
 mod impostors;
+mod intruders;
 mod same_bits;
 mod server;
 mod serving;

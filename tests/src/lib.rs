@@ -1,5 +1,6 @@
 //! What the stories and benchmarks that run the real farm have in common, and the cases that hold the renderer against certain
 //! answers.
 
+pub mod fuzz;
 pub mod scenes;
 pub mod stability;

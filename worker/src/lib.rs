@@ -1,6 +1,7 @@
 //! Renders the units that a coordinator hands out. Keeps nothing that cannot be fetched again, and never executes anything
 //! that a job brings.
 
+pub mod access;
 pub mod agent;
 mod blocking;
 pub mod by_hand;

@@ -1,10 +1,12 @@
 //! Keeps a worker connected: dials, introduces it, passes messages on, and dials again when the connection is lost.
 
+use crate::access::{Access, DialError, dial, refused_by_tls, root_cause, sentence, tuned};
 use crate::client::Client;
 use farm_job::WorkerId;
 use farm_proto::convert::{FromWorker, Hello, ToWorker};
 use farm_proto::v1;
 use hyper_util::rt::TokioIo;
+use std::error::Error;
 use std::time::Duration;
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
@@ -13,12 +15,6 @@ use tokio_stream::StreamExt;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status, Streaming};
-
-/// Bytes that may be on their way within one stream: a few large results, so that a slow answer never stalls a fast line.
-const STREAM_WINDOW: u32 = 8 << 20;
-
-/// Bytes that may be on their way within one connection: scenes beside results.
-const CONNECTION_WINDOW: u32 = 32 << 20;
 
 /// Messages that wait for the wire; beyond this the worker waits for it.
 const OUTGOING_MAX: usize = 64;
@@ -32,14 +28,11 @@ const BACKOFF_MIN: Duration = Duration::from_millis(100);
 /// Longest pause between attempts: a restarted coordinator is found again within this.
 const BACKOFF_MAX: Duration = Duration::from_secs(3);
 
-/// A host that does not answer at all for this long is tried again.
-const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
-
 /// Where the coordinator is.
 #[derive(Clone, Debug)]
 pub enum Target {
-    /// `HOST:PORT`.
-    Tcp(String),
+    /// `HOST:PORT`, and by which right.
+    Tcp(String, Access),
     /// In this process; takes the far ends of pipes.
     Memory(mpsc::Sender<DuplexStream>),
 }
@@ -47,7 +40,7 @@ pub enum Target {
 impl std::fmt::Display for Target {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Tcp(address) => f.write_str(address),
+            Self::Tcp(address, _) => f.write_str(address),
             Self::Memory(_) => f.write_str("this process"),
         }
     }
@@ -182,7 +175,7 @@ async fn pass_on(
 }
 
 async fn connect(target: &Target, hello: &Hello) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
-    let client = Client::new(dial(target).await?);
+    let client = Client::new(channel(target).await?);
     let (outgoing, messages) = mpsc::channel(OUTGOING_MAX);
     let first = FromWorker::Hello(hello.clone());
     let messages =
@@ -209,21 +202,23 @@ fn failure(target: &Target, status: &Status) -> Failure {
             target: target.to_string(),
             reason: status.message().to_owned(),
         }),
-        _ => Failure::MayPass(sentence(status)),
+        // The other side's last word in a handshake may come only after it.
+        _ => match status.source().and_then(refused_by_tls) {
+            Some(reason) => Failure::Final(LinkError::Refused { target: target.to_string(), reason }),
+            None => Failure::MayPass(sentence(status)),
+        },
     }
 }
 
-fn sentence(status: &Status) -> String {
-    if status.message().is_empty() { status.code().to_string() } else { status.message().to_owned() }
-}
-
-async fn dial(target: &Target) -> Result<Channel, Failure> {
+async fn channel(target: &Target) -> Result<Channel, Failure> {
     match target {
-        Target::Tcp(address) => {
-            let no_address = |_| Failure::Final(LinkError::Address { address: address.clone() });
-            let endpoint = Endpoint::from_shared(format!("http://{address}")).map_err(no_address)?;
-            tuned(endpoint).connect().await.map_err(|err| Failure::MayPass(root_cause(&err)))
-        }
+        Target::Tcp(address, access) => dial(address, access).await.map_err(|err| match err {
+            DialError::Address(address) => Failure::Final(LinkError::Address { address }),
+            DialError::Refused(reason) => {
+                Failure::Final(LinkError::Refused { target: target.to_string(), reason })
+            }
+            DialError::Failed(reason) => Failure::MayPass(reason),
+        }),
         Target::Memory(pipes) => {
             let pipes = pipes.clone();
             let connector = tower::service_fn(move |_| {
@@ -240,24 +235,4 @@ async fn dial(target: &Target) -> Result<Channel, Failure> {
                 .map_err(|err| Failure::MayPass(root_cause(&err)))
         }
     }
-}
-
-fn tuned(endpoint: Endpoint) -> Endpoint {
-    endpoint
-        .connect_timeout(CONNECT_TIMEOUT)
-        .tcp_nodelay(true)
-        .initial_stream_window_size(STREAM_WINDOW)
-        .initial_connection_window_size(CONNECTION_WINDOW)
-        .http2_keep_alive_interval(Duration::from_secs(5))
-        .keep_alive_timeout(Duration::from_secs(10))
-        .keep_alive_while_idle(true)
-}
-
-/// The innermost error: "connection refused" rather than "transport error".
-fn root_cause(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(source) = cause.source() {
-        cause = source;
-    }
-    cause.to_string()
 }

@@ -1,5 +1,6 @@
 //! The worker's command line.
 
+use crate::access::AccessArgs;
 use crate::by_hand::{RenderArgs, thread_count};
 use crate::cli::{Fault, bytes, duration, positive};
 use crate::disk_cache::DiskCache;
@@ -25,7 +26,7 @@ A coordinator that is gone for a while is no error: the worker waits for it, and
 
 Examples:
   worker --connect 127.0.0.1:7878
-  worker --connect farm.local:7878 --threads 8 --cache /var/cache/tessera --retry-for 24h
+  worker --connect farm.local:7878 --ca-fingerprint 1f2e.. --token-file token --threads 8 --cache /var/cache/tessera
   worker --connect farm.local:7878 --idle-only --until 07:00 --nice 19 --memory 8G
   worker render scene.glb --samples 0..64 -o a.exr"
 )]
@@ -90,6 +91,9 @@ struct JoinArgs {
     /// Let other programs go first, the more the higher
     #[arg(long, env = "FARM_NICE", value_name = "N", value_parser = clap::value_parser!(i32).range(0..=19))]
     nice: Option<i32>,
+
+    #[command(flatten)]
+    access: AccessArgs,
 }
 
 /// What a host that nobody uses does by itself, in processors.
@@ -114,6 +118,7 @@ impl Settings {
         let address = self.join.connect.ok_or_else(|| {
             Fault::input("nobody to work for: give the coordinator's address with --connect HOST:PORT")
         })?;
+        let access = self.join.access.access("worker", &address)?;
         Ok(Config {
             name: self.join.name.unwrap_or_else(default_name),
             threads: thread_count(self.join.threads),
@@ -122,7 +127,7 @@ impl Settings {
                 self.join.cache.map(|folder| DiskCache::new(folder, self.join.cache_size)),
                 self.join.memory,
             )),
-            target: Target::Tcp(address),
+            target: Target::Tcp(address, access),
             retry_for: self.join.retry_for,
         })
     }
@@ -164,7 +169,8 @@ mod tests {
     fn a_worker_needs_a_coordinator() {
         let fault = Settings::parse_from(["worker", "--threads", "1"]).config().err().unwrap().to_string();
         assert!(fault.contains("--connect"));
-        let config = Settings::parse_from(["worker", "--connect", "h:1", "--threads", "3"]).config().unwrap();
+        let config =
+            Settings::parse_from(["worker", "--connect", "localhost:1", "--threads", "3"]).config().unwrap();
         assert_eq!(config.threads, 3);
         assert!(Settings::try_parse_from(["worker", "--connect", "h:1", "--threads", "0"]).is_err());
     }

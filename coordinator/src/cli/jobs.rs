@@ -9,6 +9,7 @@ use farm_film::FrameIndex;
 use farm_image::write_file;
 use farm_job::{FrameRange, JobId, WorkerId};
 use farm_proto::convert::{JobView, WorkerView};
+use farm_worker::access::AccessArgs;
 use farm_worker::cli::Fault;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -22,6 +23,15 @@ pub struct ConnectArgs {
     /// Print JSON
     #[arg(long, env = "FARM_JSON")]
     pub json: bool,
+    #[command(flatten)]
+    pub access: AccessArgs,
+}
+
+impl ConnectArgs {
+    /// Connects.
+    pub async fn client(&self) -> Result<Client, Fault> {
+        Client::connect(&self.to, &self.access.access("coordinator", &self.to)?).await
+    }
 }
 
 /// A job, by its number.
@@ -96,7 +106,7 @@ pub enum Decision {
 /// Prints one job or all.
 pub fn status(args: &StatusArgs) -> Result<(), Fault> {
     super::block_on(async {
-        let jobs = Client::connect(&args.connect.to).await?.status(args.job.map(JobId)).await?;
+        let jobs = args.connect.client().await?.status(args.job.map(JobId)).await?;
         if args.connect.json {
             return print_json(&jobs.iter().map(job_json).collect::<Vec<_>>());
         }
@@ -107,7 +117,7 @@ pub fn status(args: &StatusArgs) -> Result<(), Fault> {
 /// Shows every change of a job until its end.
 pub fn watch_job(args: &JobArgs) -> Result<(), Fault> {
     super::block_on(async {
-        let mut client = Client::connect(&args.connect.to).await?;
+        let mut client = args.connect.client().await?;
         watch(&mut client, JobId(args.job), args.connect.json).await
     })
 }
@@ -115,7 +125,7 @@ pub fn watch_job(args: &JobArgs) -> Result<(), Fault> {
 /// Tells a coordinator what was decided about a job.
 pub fn decide(args: &JobArgs, decision: Decision) -> Result<(), Fault> {
     super::block_on(async {
-        let mut client = Client::connect(&args.connect.to).await?;
+        let mut client = args.connect.client().await?;
         let job = JobId(args.job);
         let view = match decision {
             Decision::Cancel => client.cancel(job).await?,
@@ -129,7 +139,7 @@ pub fn decide(args: &JobArgs, decision: Decision) -> Result<(), Fault> {
 /// Changes a job's priority.
 pub fn priority(args: &PriorityArgs) -> Result<(), Fault> {
     super::block_on(async {
-        let mut client = Client::connect(&args.connect.to).await?;
+        let mut client = args.connect.client().await?;
         show(&client.set_priority(JobId(args.job), args.priority).await?, args.connect.json)
     })
 }
@@ -137,7 +147,7 @@ pub fn priority(args: &PriorityArgs) -> Result<(), Fault> {
 /// Prints everybody who is connected.
 pub fn workers(args: &ConnectArgs) -> Result<(), Fault> {
     super::block_on(async {
-        let workers = Client::connect(&args.to).await?.workers().await?;
+        let workers = args.client().await?.workers().await?;
         if args.json {
             return print_json(&workers.iter().map(worker_json).collect::<Vec<_>>());
         }
@@ -147,13 +157,13 @@ pub fn workers(args: &ConnectArgs) -> Result<(), Fault> {
 
 /// Sends a worker home.
 pub fn drain(args: &DrainArgs) -> Result<(), Fault> {
-    super::block_on(async { Client::connect(&args.connect.to).await?.drain(WorkerId(args.worker)).await })
+    super::block_on(async { args.connect.client().await?.drain(WorkerId(args.worker)).await })
 }
 
 /// Writes finished frames to files of one's own.
 pub fn fetch(args: &FetchArgs) -> Result<(), Fault> {
     super::block_on(async {
-        let mut client = Client::connect(&args.connect.to).await?;
+        let mut client = args.connect.client().await?;
         let job = JobId(args.job);
         let all = client.status(Some(job)).await?.first().map(|view| view.spec.frames);
         let frames = args.frames.or(all).ok_or_else(|| Fault::input(format!("there is no job {job}")))?;

@@ -3,16 +3,19 @@
 mod compare;
 mod inspect;
 mod jobs;
+mod listen;
 mod merge;
 mod render;
 mod serve;
 mod submit;
+mod token;
 mod watch;
 mod work;
 
 use farm_worker::cli::Fault;
 use jobs::Decision;
 
+pub(crate) use listen::{Doors, announce};
 pub(crate) use work::check_tile;
 
 /// Renders scenes on one machine or many: splits frames into tiles and sample ranges, hands them to workers over gRPC,
@@ -56,6 +59,7 @@ enum Command {
     Workers(jobs::ConnectArgs),
     Drain(jobs::DrainArgs),
     Fetch(jobs::FetchArgs),
+    Token(token::TokenArgs),
 }
 
 impl Settings {
@@ -85,6 +89,7 @@ impl Settings {
             Command::Workers(args) => jobs::workers(&args),
             Command::Drain(args) => jobs::drain(&args),
             Command::Fetch(args) => jobs::fetch(&args),
+            Command::Token(args) => token::run(&args),
         }
     }
 }

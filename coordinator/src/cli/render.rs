@@ -1,5 +1,6 @@
 //! One job from the command line to its pictures.
 
+use super::listen::{SecurityArgs, announce};
 use super::work::{WorkArgs, part};
 use crate::driver;
 use crate::farm::{Farm, JobEvent, Submission};
@@ -65,6 +66,9 @@ pub struct RenderArgs {
     #[arg(long, env = "FARM_LISTEN", value_name = "ADDR", help_heading = "Farm")]
     listen: Option<SocketAddr>,
 
+    #[command(flatten)]
+    security: SecurityArgs,
+
     /// Leave all rendering to workers that join
     #[arg(
         long,
@@ -110,8 +114,9 @@ impl RenderArgs {
 }
 
 async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
-    let listener = match args.listen {
-        Some(address) => Some(Listener::bind_or_fault(address).await?),
+    let doors = args.listen.map(|address| args.security.doors(address)).transpose()?;
+    let listener = match &doors {
+        Some(doors) => Some(Listener::bind(doors).await?),
         None => None,
     };
     let picture = args.picture.clone();
@@ -121,10 +126,11 @@ async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
     let farm =
         driver::start(None, args.verify).map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
     let listening = listener.as_ref().map(Listener::address);
-    if let Some(listener) = listener {
+    if let (Some(listener), Some(doors)) = (listener, &doors) {
         farm.registry.put_scene(loaded.id, std::mem::take(&mut loaded.snapshot));
         eprintln!("listening on {}", listener.address());
-        listener.serve(farm.clone(), None);
+        announce(&doors.security, listener.address())?;
+        listener.serve(farm.clone(), None)?;
     }
     loaded.snapshot = Vec::new();
     // A few small events per frame.

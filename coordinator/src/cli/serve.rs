@@ -1,5 +1,6 @@
 //! A coordinator for many jobs.
 
+use super::listen::SecurityArgs;
 use super::work::part;
 use crate::serve::serve;
 use crate::store::{Patience, StoreLocation};
@@ -19,6 +20,7 @@ AWS_SECRET_ACCESS_KEY; AWS_ALLOW_HTTP=true for an endpoint without TLS.
 Examples:
   coordinator serve --store /srv/tessera
   coordinator serve --listen 127.0.0.1:7878 --store /srv/tessera --standby
+  coordinator serve --listen 0.0.0.0:7878 --store /srv/tessera     (TLS; coordinator token create lets others join)
   coordinator serve --store s3://farm/tessera")]
 pub struct ServeArgs {
     /// Where workers and people connect; port 0 takes any free one and says which
@@ -34,10 +36,13 @@ pub struct ServeArgs {
     /// wrong; that worker gets nothing any more, and what it delivered is rendered again
     #[arg(long, env = "FARM_VERIFY", value_name = "PART", default_value = "0", value_parser = part)]
     verify: f64,
+    #[command(flatten)]
+    security: SecurityArgs,
 }
 
 /// Serves until a signal comes.
 pub fn run(args: &ServeArgs) -> Result<(), Fault> {
     let patience = if args.standby { Patience::StandBy } else { Patience::Leave };
-    super::block_on(serve(args.listen, &args.store, patience, args.verify))
+    let doors = args.security.doors(args.listen)?;
+    super::block_on(serve(&doors, &args.store, patience, args.verify))
 }

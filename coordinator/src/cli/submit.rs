@@ -4,7 +4,6 @@ use super::jobs::ConnectArgs;
 use super::watch::watch;
 use super::work::WorkArgs;
 use super::{print, print_json};
-use crate::client::Client;
 use farm_worker::cli::{Fault, PictureArgs};
 
 /// Submit a job to a coordinator that serves
@@ -43,7 +42,7 @@ pub fn run(args: &SubmitArgs) -> Result<(), Fault> {
     let stem = args.picture.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let spec = args.work.spec(&loaded, args.name.as_ref().unwrap_or(&stem), args.priority)?;
     super::block_on(async {
-        let mut client = Client::connect(&args.connect.to).await?;
+        let mut client = args.connect.client().await?;
         let scene_bytes = loaded.snapshot.len();
         let sent_bytes = client.bring(loaded.id, loaded.snapshot).await?;
         let job = client.submit(spec).await?;

@@ -1,9 +1,16 @@
 //! The gRPC side of a coordinator.
 
+mod accept;
 mod connection;
 mod control;
+mod crowd;
+mod enrol;
 mod farm;
+mod guard;
+mod line;
 mod listen;
+mod policy;
 
+pub use accept::Security;
 pub use control::ControlService;
 pub use listen::{Listener, serve_memory};
