@@ -1,6 +1,7 @@
 //! The picture does not depend on the farm.
 
-use crate::harness::{Place, joining_with, render, run, serving};
+use crate::harness::{Place, coordinator, joining_with, render, run, serving};
+use farm_tests::scenes::{Named, Scale};
 
 /// Many tiles at the edges, several levels of samples, and a last leaf that is not full.
 const PICTURE: [&str; 6] = ["--resolution", "100x60", "--spp", "52", "--shutter", "0.5"];
@@ -55,6 +56,26 @@ fn the_number_of_workers_does_not_show() {
                     assert!(said.status.success(), "{}", said.stderr);
                 }
             }
+        }
+    }
+}
+
+/// No absolute length is hidden anywhere between the file and the picture.
+#[test]
+fn a_scene_times_a_power_of_two_is_the_same_picture() {
+    let place = Place::new();
+    let digest = |name: &str, k: i32| {
+        let path = place.path("scaled.glb");
+        std::fs::write(&path, Named::find(name).unwrap().glb(Scale(k))).unwrap();
+        let mut command = coordinator();
+        command.arg("render").arg(path).arg("-o").arg(place.path("scaled.exr")).arg("--json");
+        command.args(["--resolution", "64x36", "--spp", "4"]);
+        run(command).digest()
+    };
+    for name in ["cornell", "lens-motion", "many-lights", "glass-caustic"] {
+        let expected = digest(name, 0);
+        for k in [20, -20] {
+            assert_eq!(digest(name, k), expected, "{name} times 2^{k}");
         }
     }
 }
