@@ -75,13 +75,15 @@ fn a_bucket_keeps_a_farm() {
     let mut first = Server::from_command(bucket.command("127.0.0.1:0"));
     let address = first.address.clone();
     let job = first.submit(&place, &PICTURE);
-    let mut worker = joining(&address, "loyal");
-    let done = first.wait_for_more(&job, 0);
 
     // One at a time.
     let said = run(bucket.command("127.0.0.1:0"));
     assert_eq!(said.status.code(), Some(1));
     assert!(said.stderr.contains("in use by another coordinator"), "{}", said.stderr);
+
+    // The worker joins only now, so that most of the job is still ahead when the bucket goes away.
+    let mut worker = joining(&address, "loyal");
+    let done = first.wait_for_more(&job, 0);
 
     // Killed, and waited for: of a bucket's coordinator nobody but its silence tells that it is dead.
     first.running.kill();
