@@ -11,6 +11,7 @@ use farm_proto::PROTOCOL_VERSION;
 use farm_proto::convert::{Grant, ToWorker};
 use farm_proto::v1::worker_message::Message as Said;
 use farm_proto::v1::{self, farm_client::FarmClient};
+use farm_tests::programs::{release_coordinator, root};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -43,7 +44,7 @@ fn main() {
     let folder = tempfile::tempdir().expect("a place for the store");
     let store = arguments.get(3).map_or_else(|| folder.path().join("store"), PathBuf::from);
     allow_connections();
-    let coordinator = Coordinator::start(&build(), &store);
+    let coordinator = Coordinator::start(&release_coordinator(), &store);
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("threads");
     runtime.block_on(measure(&coordinator, workers, rate, Duration::from_secs(seconds)));
     runtime.shutdown_background();
@@ -54,21 +55,6 @@ fn allow_connections() {
     let mut limit = rustix::process::getrlimit(rustix::process::Resource::Nofile);
     limit.current = limit.maximum;
     rustix::process::setrlimit(rustix::process::Resource::Nofile, limit).expect("the limit may be raised");
-}
-
-fn build() -> PathBuf {
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--release", "--quiet", "--bin", "coordinator"])
-        .current_dir(root())
-        .status()
-        .expect("cargo runs");
-    assert!(built.success());
-    let bench = std::env::current_exe().expect("this program has a path");
-    bench.parent().and_then(Path::parent).expect("target/release/deps").join("coordinator")
-}
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
 struct Coordinator {

@@ -6,6 +6,7 @@
 use farm_film::{Film, FrameIndex, SampleRange};
 use farm_render::{PreparedScene, render};
 use farm_scene::{Filter, Integrator, Settings};
+use farm_tests::programs::{release_coordinator, root};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -23,7 +24,7 @@ fn main() {
     let mut arguments = std::env::args().skip(1).filter(|argument| !argument.starts_with("--"));
     let scene = arguments.next().map_or_else(|| root().join("tests/scenes/cornell.gltf"), PathBuf::from);
     let spp: u64 = arguments.next().map_or(64, |spp| spp.parse().expect("samples per pixel"));
-    let programs = build();
+    let programs = release_coordinator();
     let (mut bare, mut farm, mut idle) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
         bare.push(bare_loop(&scene, spp));
@@ -40,23 +41,8 @@ fn main() {
     println!("idle p99    {:.3} ms over {} units  (target 50)", p99.as_secs_f64() * 1e3, idle.len());
 }
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
-}
-
 fn fastest(seconds: &[f64]) -> f64 {
     seconds.iter().copied().fold(f64::INFINITY, f64::min)
-}
-
-fn build() -> PathBuf {
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--release", "--quiet", "--bin", "coordinator"])
-        .current_dir(root())
-        .status()
-        .expect("cargo runs");
-    assert!(built.success());
-    let bench = std::env::current_exe().expect("this program has a path");
-    bench.parent().and_then(Path::parent).expect("target/release/deps").join("coordinator")
 }
 
 /// Every unit of the frame on one thread, merged; seconds from the first unit to the last.

@@ -2,5 +2,6 @@
 //! answers.
 
 pub mod fuzz;
+pub mod programs;
 pub mod scenes;
 pub mod stability;

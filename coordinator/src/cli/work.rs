@@ -1,7 +1,7 @@
 //! Flags that say how much is rendered, and in which pieces.
 
 use farm_film::Resolution;
-use farm_job::{FrameRange, JobSpec, Stop};
+use farm_job::{FrameRange, JobSpec};
 use farm_proto::PARTIAL_BYTES_MAX;
 use farm_worker::cli::{Fault, Loaded};
 
@@ -43,8 +43,6 @@ impl WorkArgs {
             settings: loaded.settings,
             frames: self.frames(),
             spp: self.spp,
-            stop: Stop::default(),
-            variance: false,
             tile_side: self.tile,
             priority,
         };
