@@ -1,11 +1,17 @@
 //! How wrong a picture still is, measured on its own merge tree.
 
-use crate::decay::{Decay, Observed};
+use crate::decay::{Decay, Observed, RATES, completed};
 use crate::{Differences, SampleBlock};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviations within which 95 % of a normal distribution lie.
 const DEVIATIONS: f64 = 1.96;
+
+/// Deviation of the logarithm of a squared error that each doubling of the samples ahead adds.
+const DEVIATION_PER_DOUBLING: f64 = 0.05;
+
+/// More doublings than any number of samples has.
+const LEVELS: f64 = 64.0;
 
 /// Estimated error of pixels against the picture that they converge to. Means are over pixels and channels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,12 +26,12 @@ pub struct ErrorEstimate {
     pub rmse_band: f64,
     /// The same for `rel_mse`.
     pub rel_mse_band: f64,
-    /// The mean squared error falls as `spp^-rate`; 1 is that of independent samples.
+    /// At this number of samples the mean squared error falls as `spp^-rate`; 1 is that of independent samples.
     pub rate: f64,
     /// The same for `rel_mse`.
     pub rel_rate: f64,
-    /// Standard deviation of `rel_rate`.
-    pub rel_rate_deviation: f64,
+    /// The parts of `rel_mse` that fall as `spp^-1`, `spp^-1.85` and `spp^-3`.
+    pub rel_parts: [f64; 3],
 }
 
 /// When a picture will be good enough.
@@ -67,7 +73,7 @@ impl ErrorEstimate {
             rel_mse_band: spread(rel_mse, &relative, &|part| part.rel_mse_band),
             rate: shared(mse, &squared, &|part| part.rate),
             rel_rate: shared(rel_mse, &relative, &|part| part.rel_rate),
-            rel_rate_deviation: shared(rel_mse, &relative, &|part| part.rel_rate_deviation),
+            rel_parts: std::array::from_fn(|index| mean(&|part| part.rel_parts[index])),
         })
     }
 
@@ -77,11 +83,21 @@ impl ErrorEstimate {
         if target <= 0.0 || self.rel_mse <= 0.0 {
             return None;
         }
-        let octaves = (self.rel_mse / target).log2() / self.rel_rate;
-        // Off by the error of what is known now, and by that of the rate for as far as it has to be followed.
-        let now = self.rel_mse_band.log2() / self.rel_rate;
-        let ahead = DEVIATIONS * octaves * self.rel_rate_deviation / self.rel_rate;
-        Some(Prediction { spp: self.spp as f64 * octaves.exp2(), band: now.hypot(ahead).exp2() })
+        // Between no and too many doublings: the error falls at least as fast as that of independent samples.
+        let (mut low, mut high) = (-LEVELS, LEVELS);
+        while high - low > 1e-6 {
+            let middle = 0.5 * (low + high);
+            let parts = self.rel_parts.iter().zip(RATES);
+            let error: f64 = parts.map(|(part, rate)| part * (-rate * middle).exp2()).sum();
+            if error > target { low = middle } else { high = middle }
+        }
+        let doublings = 0.5 * (low + high);
+        let now = self.rel_mse_band.ln();
+        let ahead = DEVIATIONS * DEVIATION_PER_DOUBLING * doublings;
+        Some(Prediction {
+            spp: self.spp as f64 * doublings.exp2(),
+            band: (now.hypot(ahead) / self.rel_rate.max(1.0)).exp(),
+        })
     }
 }
 
@@ -95,14 +111,15 @@ impl Decays {
     /// None where no two samples were compared.
     pub fn new(differences: &Differences) -> Option<Self> {
         let levels = differences.levels().iter();
-        let (squared, relative): (Vec<_>, Vec<_>) = levels
+        let (squared, mut relative): (Vec<_>, Vec<_>) = levels
             .map(|level| {
                 (
                     Observed::new(level.pairs, level.squared, level.squared_spread),
-                    Observed::new(level.pairs, level.relative, level.relative_spread),
+                    Observed::new(level.relative_pairs, level.relative, level.relative_spread),
                 )
             })
             .unzip();
+        completed(&mut relative, &squared);
         Some(Self { squared: Decay::new(&squared)?, relative: Decay::new(&relative)? })
     }
 
@@ -110,16 +127,17 @@ impl Decays {
     pub fn estimate(&self, blocks: &[SampleBlock]) -> ErrorEstimate {
         let spp = blocks.iter().map(|block| block.samples()).sum();
         let parts: Vec<_> = blocks.iter().copied().flat_map(powers_of_two).collect();
+        let rel_mse = variance_of_mean(&self.relative, &parts);
         let band = |deviation: f64| (DEVIATIONS * deviation).exp();
         ErrorEstimate {
             spp,
             rmse: variance_of_mean(&self.squared, &parts).sqrt(),
-            rel_mse: variance_of_mean(&self.relative, &parts),
-            rmse_band: band(self.squared.log_deviation / 2.0),
-            rel_mse_band: band(self.relative.log_deviation),
-            rate: self.squared.rate,
-            rel_rate: self.relative.rate,
-            rel_rate_deviation: self.relative.rate_deviation,
+            rel_mse,
+            rmse_band: band(self.squared.deviation / 2.0),
+            rel_mse_band: band(self.relative.deviation),
+            rate: self.squared.rate(),
+            rel_rate: self.relative.rate(),
+            rel_parts: self.relative.shares().map(|share| share * rel_mse),
         }
     }
 }

@@ -221,7 +221,7 @@ mod tests {
             return rendered(tile, left).merge(rendered(tile, right));
         }
         let mut differences = Differences::default();
-        let sums = tile
+        let leaves: Vec<_> = tile
             .pixels()
             .map(|(x, y)| {
                 let mut leaf = crate::LeafSum::default();
@@ -233,10 +233,10 @@ mod tests {
                     let value = (hash >> 40) as f32 * 1.7e-5;
                     leaf.add([value, value * value, 1.0 / (value + 1e-3)], &mut differences);
                 }
-                leaf.round()
+                leaf
             })
             .collect();
-        FilmTile::new(tile, block, sums).with_differences(differences)
+        FilmTile::leaf(tile, block, &leaves, differences)
     }
 
     fn bits(film: &Film) -> Vec<[u32; 3]> {

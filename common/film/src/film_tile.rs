@@ -1,5 +1,6 @@
 //! The sums that one work unit leaves behind.
 
+use crate::differences::Halves;
 use crate::{Differences, LEAF_SAMPLES, SampleBlock, Tile};
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +19,8 @@ pub struct LeafSum {
     samples: u64,
     /// Sums of the leaf's own aligned blocks that wait for their sibling, by level: only for the differences.
     open: [[f64; 3]; LEAF_SAMPLES.ilog2() as usize + 1],
+    /// Of the largest block so far that starts with the first sample.
+    halves: Halves,
 }
 
 impl LeafSum {
@@ -29,9 +32,12 @@ impl LeafSum {
         let (mut block, mut level) = (radiance, 0);
         while self.samples >> level & 1 == 1 {
             let (left, scale) = (self.open[level], 1.0 / (1_u64 << level) as f64);
-            let mean = |sum: [f64; 3]| sum.map(|value| value * scale);
+            let halves = [left, block].map(|sum| sum.map(|value| value * scale));
             level += 1;
-            differences.add(level as u32, mean(left), mean(block));
+            differences.add(level as u32, halves);
+            if self.samples + 1 == 1 << level {
+                self.halves = halves;
+            }
             block = plus(left, block);
         }
         self.open[level] = block;
@@ -156,6 +162,20 @@ impl FilmTile {
         Self { tile, block, sums, differences: Differences::default() }
     }
 
+    /// A leaf from the sums of its pixels in scanline order, and the differences that were seen on the way to them.
+    pub fn leaf(tile: Tile, block: SampleBlock, leaves: &[LeafSum], mut differences: Differences) -> Self {
+        assert!(
+            leaves.iter().all(|leaf| leaf.samples == block.samples()),
+            "every pixel has all samples of the leaf"
+        );
+        let level = block.samples().ilog2();
+        if level > 0 {
+            let halves: Vec<_> = leaves.iter().map(|leaf| leaf.halves).collect();
+            differences.add_relative(level, tile.width() as usize, &halves);
+        }
+        Self::new(tile, block, leaves.iter().map(|leaf| leaf.round()).collect()).with_differences(differences)
+    }
+
     /// The same with the differences that were seen while its samples were added up.
     pub fn with_differences(mut self, differences: Differences) -> Self {
         self.differences = differences;
@@ -195,7 +215,15 @@ impl FilmTile {
             if self.block.start() < other.block.start() { (self, other) } else { (other, self) };
         let block = left.block.parent().expect("a block with a sibling has a parent");
         left.differences.add_all(&right.differences);
-        left.differences.add_pixels(block.samples().ilog2(), &left.sums, &right.sums);
+        let (level, scale) = (block.samples().ilog2(), 2.0 / block.samples() as f64);
+        let halves: Vec<Halves> = left
+            .sums
+            .iter()
+            .zip(&right.sums)
+            .map(|(a, b)| [a, b].map(|sum| sum.map(|value| f64::from(value) * scale)))
+            .collect();
+        halves.iter().for_each(|pair| left.differences.add(level, *pair));
+        left.differences.add_relative(level, left.tile.width() as usize, &halves);
         for (a, b) in left.sums.iter_mut().zip(&right.sums) {
             *a = add_rgb(*a, *b);
         }

@@ -192,7 +192,7 @@ pub(crate) mod tests {
                 rel_mse_band: 1.1,
                 rate: 1.5,
                 rel_rate: 1.4,
-                rel_rate_deviation: 0.1,
+                rel_parts: [7.0e-4, 3.0e-4, 0.0],
             }),
             seconds: 1.5,
             extra: serde_json::Map::from_iter([("camera".to_owned(), "front".into())]),

@@ -152,11 +152,10 @@ pub(crate) mod tests {
                     let value = ((index * 37 + pixel * 11) % 101) as f32 / 3.0;
                     leaf.add([value, value * value, 0.1], &mut differences);
                 }
-                leaf.round()
+                leaf
             };
-            let sums = vec![pixel(0), pixel(1)];
-            let block = SampleBlock::new(start..start + 16).unwrap();
-            FilmTile::new(tile, block, sums).with_differences(differences)
+            let leaves = [pixel(0), pixel(1)];
+            FilmTile::leaf(tile, SampleBlock::new(start..start + 16).unwrap(), &leaves, differences)
         };
         leaf(32).merge(leaf(48))
     }
@@ -164,7 +163,7 @@ pub(crate) mod tests {
     #[test]
     fn differences_come_back_bit_for_bit() {
         let (tile, (_, header)) = (observed(), partial(4, 4, 6, 5));
-        assert!(tile.differences().levels().iter().all(|level| level.pairs > 0 && level.relative > 0.0));
+        assert!(tile.differences().levels().iter().all(|level| level.pairs > 0 && level.squared > 0.0));
         let bytes = encode_partial(&tile, &header);
         assert_eq!(decode_partial(&bytes, PartialLimits::default()).unwrap().0, tile);
     }

@@ -61,7 +61,7 @@ fn render_leaf(
     stop: &dyn Fn() -> bool,
     counters: &mut Counters,
 ) -> Option<FilmTile> {
-    let mut sums = Vec::with_capacity(tile.area());
+    let mut leaves = Vec::with_capacity(tile.area());
     let mut differences = Differences::default();
     for (x, y) in tile.pixels() {
         #[cfg(feature = "mutations")]
@@ -76,9 +76,9 @@ fn render_leaf(
             let radiance = accounted(radiance.to_array(), scene.settings.clamp, counters);
             leaf.add(radiance, &mut differences);
         }
-        sums.push(leaf.round());
+        leaves.push(leaf);
     }
-    Some(FilmTile::new(tile, block, sums).with_differences(differences))
+    Some(FilmTile::leaf(tile, block, &leaves, differences))
 }
 
 /// What is no radiance is counted and left out; what is brighter than `clamp` is darkened, and what that takes away is added up.

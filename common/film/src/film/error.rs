@@ -74,7 +74,7 @@ fn estimate_of_first(level: u32, differences: &Differences) -> Option<ErrorEstim
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{FilmTile, LEAF_SAMPLES, LeafSum, Resolution, Rgb};
+    use crate::{FilmTile, LEAF_SAMPLES, LeafSum, Resolution};
 
     /// Stands for a renderer whose error is known: the samples of a pixel are drawn from the whole down to its halves, so that
     /// the mean of an aligned block of `n` samples has the variance `law(n)` around a true value of 1.
@@ -128,25 +128,25 @@ mod tests {
 
     fn leaf(tile: Tile, samples: std::ops::Range<u64>, pixels: &[Vec<f64>]) -> FilmTile {
         let mut differences = Differences::default();
-        let mut sum = |pixel: &Vec<f64>| -> Rgb {
+        let mut sum = |pixel: &Vec<f64>| {
             let mut leaf = LeafSum::default();
             for value in &pixel[samples.start as usize..samples.end as usize] {
                 leaf.add([*value as f32; 3], &mut differences);
             }
-            leaf.round()
+            leaf
         };
-        let sums = pixels.iter().map(&mut sum).collect();
-        FilmTile::new(tile, SampleBlock::new(samples).unwrap(), sums).with_differences(differences)
+        let leaves: Vec<_> = pixels.iter().map(&mut sum).collect();
+        FilmTile::leaf(tile, SampleBlock::new(samples).unwrap(), &leaves, differences)
     }
 
     #[test]
     fn the_estimate_is_right_at_every_rate() {
-        for rate in [1.0, 1.25, 1.5, 2.0, 3.0] {
+        for rate in [1, 2, 3] {
             for level in [4, 6, 9] {
-                let (film, truth) = film(&|n: f64| 0.2 * n.powf(-rate), level);
+                let (film, truth) = film(&|n: f64| 0.2 * n.powi(-rate), level);
                 let estimate = film.error_estimate().unwrap();
                 let ratio = estimate.rmse / truth;
-                assert!((0.9..1.1).contains(&ratio), "rate {rate}, level {level}: ratio {ratio}");
+                assert!((0.9..1.2).contains(&ratio), "rate {rate}, level {level}: ratio {ratio}");
                 assert!(
                     ratio < estimate.rmse_band && 1.0 / ratio < estimate.rmse_band,
                     "{estimate:?}: {truth}"
@@ -160,20 +160,37 @@ mod tests {
     fn the_estimate_is_right_where_the_rate_changes() {
         let laws: [&dyn Fn(f64) -> f64; 3] =
             [&|n: f64| 0.1 / n + 0.5 / n.powi(2), &|n: f64| 0.02 / n + 1.0 / n.powi(3), &|n: f64| {
-                1.0 / (n + n.powi(2) / 32.0)
+                0.1 / n + 0.3 / n.powf(1.5)
             }];
         for (index, law) in laws.into_iter().enumerate() {
-            for level in [6, 8] {
+            for level in [5, 6, 8] {
                 let (film, truth) = film(law, level);
                 let ratio = film.error_estimate().unwrap().rmse / truth;
-                assert!((0.75..1.25).contains(&ratio), "law {index}, level {level}: ratio {ratio}");
+                assert!((0.9..1.15).contains(&ratio), "law {index}, level {level}: ratio {ratio}");
+            }
+        }
+    }
+
+    /// A pure power between the whole ones is taken for one that will slow down, and a law that has yet to become faster for one that
+    /// stays as it is.
+    #[test]
+    fn where_the_law_is_another_the_estimate_errs_on_the_safe_side() {
+        let laws: [&dyn Fn(f64) -> f64; 3] =
+            [&|n: f64| 0.2 * n.powf(-1.25), &|n: f64| 0.2 * n.powf(-1.5), &|n: f64| {
+                1.0 / (n + n.powi(2) / 32.0)
+            }];
+        for (law, most) in laws.into_iter().zip([1.35, 1.45, 1.95]) {
+            for level in [4, 6, 9] {
+                let (film, truth) = film(law, level);
+                let ratio = film.error_estimate().unwrap().rmse / truth;
+                assert!((0.95..most).contains(&ratio), "level {level}: ratio {ratio}");
             }
         }
     }
 
     #[test]
     fn every_power_of_two_from_the_leaf_on_has_an_estimate() {
-        let law = |n: f64| 0.2 * n.powf(-1.5);
+        let law = |n: f64| 0.02 / n + 0.2 / n.powi(2);
         let (film, _) = film(&law, 8);
         let levels = film.error_levels();
         assert_eq!(levels.iter().map(|level| level.spp).collect::<Vec<_>>(), [16, 32, 64, 128, 256]);
@@ -191,7 +208,7 @@ mod tests {
 
     #[test]
     fn a_prediction_comes_true() {
-        let law = |n: f64| 0.2 * n.powf(-1.5);
+        let law = |n: f64| 0.02 / n + 0.2 / n.powi(2);
         let (film, _) = film(&law, 8);
         let levels = film.error_levels();
         let prediction = levels[2].predict(levels[4].rel_mse).unwrap();
@@ -202,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_total_that_is_no_power_of_two_is_estimated_as_it_is_folded() {
-        for (rate, spp) in [(1.0, 48), (2.0, 48), (1.5, 100), (1.0, 7), (2.0, 7)] {
+        for (rate, spp) in [(1.0, 48), (2.0, 48), (1.0, 100), (2.0, 100), (1.0, 7), (2.0, 7)] {
             let resolution = Resolution::new(128, 64).unwrap();
             let mut film = Film::new(resolution, 128, spp).unwrap();
             let mut law = Law { law: &|n: f64| 0.2 * n.powf(-rate), state: 5 };
@@ -216,13 +233,13 @@ mod tests {
             let estimate = film.error_estimate().unwrap();
             assert_eq!(estimate.spp, spp);
             let ratio = estimate.rmse / truth;
-            assert!((0.87..1.15).contains(&ratio), "rate {rate}, {spp} spp: ratio {ratio}");
+            assert!((0.87..1.2).contains(&ratio), "rate {rate}, {spp} spp: ratio {ratio}");
         }
     }
 
     #[test]
     fn tiles_of_different_numbers_of_samples_are_each_taken_as_they_are() {
-        let law = |n: f64| 0.2 * n.powf(-2.0);
+        let law = |n: f64| 0.2 / n;
         let resolution = Resolution::new(64, 64).unwrap();
         let mut film = Film::new(resolution, 32, 256).unwrap();
         let mut source = Law { law: &law, state: 9 };
