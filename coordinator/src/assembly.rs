@@ -1,9 +1,12 @@
 //! Puts partials together, on a thread of its own: merging large tiles must not hold up heartbeats.
 
-use crate::outputs::{self, FinishedFrame, FrameSummary, Outputs};
+use crate::checkpoint::Spent;
+use crate::open_frame::{Arrival, OpenFrame, Outlook};
+use crate::outputs::{self, FinishedFrame, FrameSummary, OutputPlan, Outputs};
 use crate::store::{Store, StoreError};
+use crate::truth::Truths;
 use bytes::Bytes;
-use farm_film::{Accepted, Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Tile};
+use farm_film::{Counters, FilmTile, FrameIndex, Rgb, Tile};
 use farm_job::{JobId, JobSpec};
 use farm_scheduler::Delivery;
 use std::collections::BTreeMap;
@@ -26,10 +29,8 @@ pub struct Claimed {
     pub tile: FilmTile,
     /// The file they came in.
     pub partial_exr: Bytes,
-    /// What was traced.
-    pub counters: Counters,
-    /// Time its rendering took.
-    pub render: Duration,
+    /// What it took.
+    pub spent: Spent,
     /// When it came.
     pub arrived: Instant,
 }
@@ -42,14 +43,16 @@ pub enum Task {
     Restore(JobId, FrameIndex, Vec<(FilmTile, Counters)>),
     /// Merge a partial, which is durable where there is a store.
     Add(Box<Claimed>),
-    /// Write a frame, which has all its samples.
-    Finish(JobId, FrameIndex),
+    /// Every tile of a frame has so many samples per pixel.
+    Round(JobId, FrameIndex, u64),
+    /// Write a frame, which has all its samples: so many per pixel.
+    Finish(JobId, FrameIndex, u64),
     /// Forget tiles of a frame, which are rendered again; their partials are gone.
     Reopen(JobId, FrameIndex, Vec<Tile>),
     /// Take a finished frame away, which is rendered again.
     Withdraw(JobId, FrameIndex),
-    /// How wrong the oldest open frame of a job still is.
-    Estimate(JobId, oneshot::Sender<Option<ErrorEstimate>>),
+    /// How it stands with the oldest open frame of a job.
+    Outlook(JobId, oneshot::Sender<Option<Outlook>>),
     /// Forget a job.
     Close(JobId),
 }
@@ -71,13 +74,13 @@ pub enum Report {
     Added {
         /// As it was claimed.
         delivery: Delivery,
-        /// Time its rendering took.
-        render: Duration,
-        /// What was traced.
-        counters: Counters,
+        /// What it took.
+        spent: Spent,
         /// When it came.
         arrived: Instant,
     },
+    /// A frame is good enough with so many samples per pixel.
+    Enough(JobId, FrameIndex, u64),
     /// A partial cannot be part of its frame.
     Refused {
         /// As it was claimed.
@@ -115,6 +118,7 @@ pub fn start(
 
 enum FrameTask {
     Write { job: JobId, spec: Arc<JobSpec>, outputs: Outputs, finished: Box<FinishedFrame> },
+    Look { job: JobId, frame: FrameIndex, plan: OutputPlan, spp: u64, pixels: Vec<Rgb> },
     Withdraw { job: JobId, outputs: Outputs, frame: FrameIndex },
 }
 
@@ -126,10 +130,18 @@ struct FrameWriter {
 
 impl FrameWriter {
     fn run(self, mut frames: mpsc::UnboundedReceiver<FrameTask>) {
+        let mut truths = Truths::default();
         while let Some(task) = frames.blocking_recv() {
             let report = match task {
-                FrameTask::Write { job, spec, outputs, finished } => {
+                FrameTask::Write { job, spec, outputs, mut finished } => {
+                    if let Outputs::Files(plan) = &outputs {
+                        truths.tell(job, plan, &mut finished);
+                    }
                     Report::Frame { job, outcome: self.write(job, &spec, &outputs, &finished) }
+                }
+                FrameTask::Look { job, frame, plan, spp, pixels } => {
+                    truths.look(job, frame, &plan, spp, pixels);
+                    continue;
                 }
                 FrameTask::Withdraw { job, outputs, frame } => {
                     self.withdraw(job, &outputs, frame);
@@ -203,14 +215,6 @@ struct Job {
     frames: BTreeMap<FrameIndex, OpenFrame>,
 }
 
-struct OpenFrame {
-    film: Film,
-    /// What was traced for each tile.
-    counters: BTreeMap<Tile, Counters>,
-    /// When the first unit began and the last one came.
-    span: Option<(Instant, Instant)>,
-}
-
 struct Assembly {
     jobs: BTreeMap<JobId, Job>,
     reports: mpsc::UnboundedSender<Report>,
@@ -227,7 +231,8 @@ impl Assembly {
                 }
                 Task::Restore(job, frame, partials) => self.restore(job, frame, partials),
                 Task::Add(claimed) => self.add(*claimed),
-                Task::Finish(job, frame) => self.finish(job, frame),
+                Task::Round(job, frame, spp) => self.round(job, frame, spp),
+                Task::Finish(job, frame, spp) => self.finish(job, frame, spp),
                 Task::Reopen(job, frame, tiles) => self.reopen(job, frame, &tiles),
                 Task::Withdraw(job, frame) => {
                     let outputs = self.jobs.get(&job).map(|job| job.outputs.clone());
@@ -235,10 +240,9 @@ impl Assembly {
                         let _ = self.frames.send(FrameTask::Withdraw { job, outputs, frame });
                     }
                 }
-                Task::Estimate(job, reply) => {
-                    let frames = self.jobs.get(&job).into_iter().flat_map(|job| job.frames.values());
-                    let estimate = frames.filter_map(|frame| frame.film.error_estimate()).next();
-                    let _ = reply.send(estimate);
+                Task::Outlook(job, reply) => {
+                    let oldest = self.jobs.get(&job).and_then(|job| job.frames.values().next());
+                    let _ = reply.send(oldest.map(OpenFrame::outlook));
                 }
                 Task::Close(job) => {
                     self.jobs.remove(&job);
@@ -248,9 +252,10 @@ impl Assembly {
     }
 
     fn add(&mut self, claimed: Claimed) {
-        let Claimed { delivery, tile, counters, render, arrived, .. } = claimed;
-        let report = match self.merge(&delivery, tile, counters, arrived.checked_sub(render), arrived) {
-            Ok(()) => Report::Added { delivery, render, counters, arrived },
+        let Claimed { delivery, tile, spent, arrived, .. } = claimed;
+        let arrival = Arrival { worker: delivery.worker, spent, at: arrived };
+        let report = match self.merge(&delivery, tile, arrival) {
+            Ok(()) => Report::Added { delivery, spent, arrived },
             Err(reason) => Report::Refused { delivery, reason },
         };
         let _ = self.reports.send(report);
@@ -260,65 +265,58 @@ impl Assembly {
         let Some(job) = self.jobs.get_mut(&job) else { return };
         let Ok(mut open) = OpenFrame::new(&job.spec) else { return };
         for (tile, counters) in partials {
-            // Whoever restored them has looked whether they fit.
-            let window = tile.tile();
-            if open.film.add(tile) == Ok(Accepted::New) {
-                open.count(window, counters);
-            }
+            // Whoever restored them has looked whether they fit; what overlaps is there already.
+            let _ = open.restore(tile, counters);
         }
         job.frames.insert(frame, open);
     }
 
-    fn merge(
-        &mut self,
-        delivery: &Delivery,
-        tile: FilmTile,
-        counters: Counters,
-        begun: Option<Instant>,
-        arrived: Instant,
-    ) -> Result<(), String> {
+    fn merge(&mut self, delivery: &Delivery, tile: FilmTile, arrival: Arrival) -> Result<(), String> {
         let job = self.jobs.get_mut(&delivery.job).ok_or("its job has ended")?;
         let frame = match job.frames.entry(delivery.unit.frame) {
             std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
             std::collections::btree_map::Entry::Vacant(entry) => entry.insert(OpenFrame::new(&job.spec)?),
         };
-        frame.film.add(tile).map_err(|err| err.to_string())?;
-        frame.count(delivery.unit.tile, counters);
-        let begun = begun.unwrap_or(arrived);
-        let (first, last) = frame.span.unwrap_or((begun, arrived));
-        frame.span = Some((first.min(begun), last.max(arrived)));
-        Ok(())
+        frame.add(tile, arrival)
     }
 
-    fn reopen(&mut self, job_id: JobId, frame: FrameIndex, tiles: &[Tile]) {
-        if let Some(open) = self.jobs.get_mut(&job_id).and_then(|job| job.frames.get_mut(&frame)) {
-            for tile in tiles {
-                open.film.forget(*tile);
-                open.counters.remove(tile);
+    fn round(&mut self, id: JobId, frame: FrameIndex, spp: u64) {
+        let Some(job) = self.jobs.get_mut(&id) else { return };
+        let Some(open) = job.frames.get_mut(&frame) else { return };
+        let plan = match &job.outputs {
+            Outputs::Files(plan) => Some(plan).filter(|plan| plan.reference.is_some()),
+            Outputs::Store { .. } => None,
+        };
+        match open.round(spp, plan.is_some()) {
+            Ok(round) => {
+                if let Some((plan, pixels)) = plan.cloned().zip(round.look) {
+                    let _ = self.frames.send(FrameTask::Look { job: id, frame, plan, spp, pixels });
+                }
+                if round.ends {
+                    let _ = self.reports.send(Report::Enough(id, frame, spp));
+                }
             }
+            Err(error) => warn!(job = %id, %frame, %error, "partials do not make up a picture"),
         }
     }
 
-    fn finish(&mut self, job_id: JobId, frame: FrameIndex) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
+    fn reopen(&mut self, id: JobId, frame: FrameIndex, tiles: &[Tile]) {
+        if let Some(open) = self.jobs.get_mut(&id).and_then(|job| job.frames.get_mut(&frame)) {
+            tiles.iter().for_each(|tile| open.forget(*tile));
+        }
+    }
+
+    fn finish(&mut self, id: JobId, frame: FrameIndex, spp: u64) {
+        let Some(job) = self.jobs.get_mut(&id) else { return };
         let Some(open) = job.frames.remove(&frame) else { return };
-        let render = open.span.map_or(Duration::ZERO, |(first, last)| last - first);
-        let counters = open.counters.into_values().fold(Counters::default(), Counters::plus);
-        let finished = Box::new(FinishedFrame { frame, film: open.film, counters, render });
-        let (spec, outputs) = (job.spec.clone(), job.outputs.clone());
-        let _ = self.frames.send(FrameTask::Write { job: job_id, spec, outputs, finished });
-    }
-}
-
-impl OpenFrame {
-    fn new(spec: &JobSpec) -> Result<Self, String> {
-        let resolution = spec.resolution().map_err(|err| err.to_string())?;
-        let film = Film::new(resolution, spec.tile_side, spec.spp).map_err(|err| err.to_string())?;
-        Ok(Self { film, counters: BTreeMap::new(), span: None })
-    }
-
-    fn count(&mut self, tile: Tile, counters: Counters) {
-        let sum = self.counters.entry(tile).or_default();
-        *sum = sum.plus(counters);
+        match open.finish(frame, spp) {
+            Ok(finished) => {
+                let (spec, outputs, finished) = (job.spec.clone(), job.outputs.clone(), Box::new(finished));
+                let _ = self.frames.send(FrameTask::Write { job: id, spec, outputs, finished });
+            }
+            Err(reason) => {
+                let _ = self.reports.send(Report::Frame { job: id, outcome: Err(reason) });
+            }
+        }
     }
 }

@@ -90,7 +90,7 @@ mod tests {
     use bytes::Bytes;
     use farm_film::{FrameIndex, SampleBlock, Tile, WorkUnit};
     use farm_image::encode_partial;
-    use farm_job::{Digest, FrameRange, JobId, LeaseId};
+    use farm_job::{Digest, FrameRange, JobId, LeaseId, Stop};
     use farm_scene::{Filter, Integrator, SceneId, Settings};
     use std::time::Duration;
 
@@ -112,6 +112,8 @@ mod tests {
             settings,
             frames: FrameRange::single(0),
             spp: 64,
+            stop: Stop::default(),
+            variance: false,
             tile_side: 8,
             priority: 0,
         }

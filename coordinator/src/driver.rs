@@ -2,10 +2,12 @@
 
 use crate::assembly::{self, Claimed, Report, StorePart, Task};
 use crate::check::Defect;
+use crate::checkpoint::Spent;
 use crate::chronicle::Chronicle;
+use crate::clocks::Clocks;
 use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission};
 use crate::keeper::Keeper;
-use crate::outputs::Outputs;
+use crate::outputs::{self, Outputs};
 use crate::registry::Registry;
 use crate::store::{Store, StoreError, StoredJob};
 use crate::tally::Tally;
@@ -44,6 +46,7 @@ pub fn start(store: Option<Arc<Store>>, verify: f64) -> std::io::Result<Farm> {
         workers: BTreeMap::new(),
         next_worker: 1,
         jobs: BTreeMap::new(),
+        clocks: Clocks::default(),
         assembly: assembly.clone(),
         keeper,
         store: store.clone(),
@@ -76,6 +79,7 @@ struct Driver {
     workers: BTreeMap<WorkerId, Worker>,
     next_worker: u64,
     jobs: BTreeMap<JobId, Job>,
+    clocks: Clocks,
     assembly: mpsc::Sender<Task>,
     /// Where there is a store.
     keeper: Option<Keeper>,
@@ -90,6 +94,7 @@ impl Driver {
     async fn run(mut self, mut inputs: mpsc::Receiver<Input>, mut reports: mpsc::UnboundedReceiver<Report>) {
         loop {
             let deadline = self.scheduler.next_deadline().map(|Timestamp(after)| self.started + after);
+            let deadline = [deadline, self.clocks.next()].into_iter().flatten().min();
             let tick = async {
                 match deadline {
                     Some(deadline) => tokio::time::sleep_until(deadline.into()).await,
@@ -102,7 +107,7 @@ impl Driver {
                     Some(input) => self.input(input).await,
                     None => break,
                 },
-                () = tick => self.handle(Event::Tick),
+                () = tick => self.tick(),
             }
             while let Some(action) = self.scheduler.poll_action() {
                 self.perform(action).await;
@@ -116,6 +121,13 @@ impl Driver {
 
     fn handle(&mut self, event: Event) {
         self.scheduler.handle(self.now(), event);
+    }
+
+    fn tick(&mut self) {
+        for (job, frame, spp) in self.clocks.take_due(Instant::now()) {
+            self.handle(Event::FrameTruncated { job, frame, spp });
+        }
+        self.handle(Event::Tick);
     }
 
     async fn input(&mut self, input: Input) {
@@ -216,8 +228,7 @@ impl Driver {
                         delivery,
                         tile: checked.tile,
                         partial_exr: result.partial_exr,
-                        counters: checked.counters,
-                        render: result.render,
+                        spent: Spent { counters: checked.counters, busy: result.render, cpu: result.cpu },
                         arrived: at,
                     };
                     self.take(Box::new(claimed)).await;
@@ -308,6 +319,7 @@ impl Driver {
         };
         self.handle(event);
         if order == JobOrder::Cancel {
+            self.clocks.end_job(id);
             let _ = self.assembly.send(Task::Close(id)).await;
         }
         true
@@ -364,14 +376,20 @@ impl Driver {
 
     fn report(&mut self, report: Report) {
         match report {
-            Report::Added { delivery, render, counters, arrived } => {
+            Report::Added { delivery, spent, arrived } => {
                 if let Some(job) = self.jobs.get_mut(&delivery.job) {
-                    job.tally.add(delivery.worker, counters, render, arrived);
+                    job.tally.add(delivery.worker, spent, arrived);
+                    if let Some(time) = job.spec.stop.time {
+                        let begun = arrived.checked_sub(spent.busy).unwrap_or(arrived);
+                        let due = begun + time.saturating_sub(outputs::writing(&job.spec));
+                        self.clocks.set(delivery.job, delivery.unit.frame, due);
+                    }
                 }
                 debug!(worker = %delivery.worker, lease = %delivery.lease, unit = %delivery.unit, "unit accepted");
                 self.say(delivery.worker, ToWorker::Ack(delivery.lease));
-                self.handle(Event::UnitAccepted { delivery, render });
+                self.handle(Event::UnitAccepted { delivery, render: spent.busy });
             }
+            Report::Enough(job, frame, spp) => self.handle(Event::FrameTruncated { job, frame, spp }),
             Report::Refused { delivery, reason } => {
                 warn!(worker = %delivery.worker, unit = %delivery.unit, %reason, "partial cannot be merged");
                 self.reject(&delivery, &reason);
@@ -406,14 +424,20 @@ impl Driver {
                 self.say(worker, ToWorker::Grant(Grant { lease, job, unit, attempt, ttl }));
             }
             Action::Revoke { worker, lease } => self.say(worker, ToWorker::Revoke(lease)),
-            Action::RoundComplete { .. } => {}
-            Action::FrameComplete { job, frame, .. } => {
-                let _ = self.assembly.send(Task::Finish(job, frame)).await;
+            Action::RoundComplete { job, frame, spp } => {
+                self.clocks.round(job, frame, spp);
+                let _ = self.assembly.send(Task::Round(job, frame, spp)).await;
+            }
+            Action::FrameComplete { job, frame, spp } => {
+                self.clocks.end(job, frame);
+                let _ = self.assembly.send(Task::Finish(job, frame, spp)).await;
             }
             Action::JobDone { job } => {
+                self.clocks.end_job(job);
                 let _ = self.assembly.send(Task::Close(job)).await;
             }
             Action::JobFailed { job, fault } => {
+                self.clocks.end_job(job);
                 let _ = self.assembly.send(Task::Close(job)).await;
                 if let Some(known) = self.jobs.get(&job) {
                     let (spec, state) = (known.spec.clone(), JobState::Failed);

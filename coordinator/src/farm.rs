@@ -3,12 +3,13 @@
 use crate::assembly::Task;
 use crate::check::{Checked, Defect};
 use crate::chronicle::Chronicle;
+use crate::open_frame::Outlook;
 use crate::outputs::{FrameSummary, Outputs};
 use crate::registry::Registry;
 use crate::store::Store;
 use crate::tally::Tally;
 use bytes::Bytes;
-use farm_film::{Counters, ErrorEstimate, FilmTile, FrameIndex};
+use farm_film::{Counters, FilmTile, FrameIndex};
 use farm_job::{JobId, JobSpec, WorkerId};
 use farm_proto::convert::{FromWorker, Heartbeat, Hello, ToWorker, UnitResult};
 use farm_scene::SceneId;
@@ -129,8 +130,10 @@ pub struct Progress {
     pub why_idle: Option<String>,
     /// What the job has cost.
     pub tally: Tally,
+    /// How many of its frames are written.
+    pub written: u64,
     /// Of its oldest open frame.
-    pub error: Option<ErrorEstimate>,
+    pub outlook: Option<Outlook>,
 }
 
 /// The farm is gone; only while the program ends.
@@ -191,11 +194,11 @@ impl Farm {
         overview.await.map_err(|_| Ending)
     }
 
-    /// Estimated error of the oldest open frame of `job`.
-    pub async fn estimate(&self, job: JobId) -> Result<Option<ErrorEstimate>, Ending> {
-        let (reply, estimate) = oneshot::channel();
-        self.assembly.send(Task::Estimate(job, reply)).await.map_err(|_| Ending)?;
-        estimate.await.map_err(|_| Ending)
+    /// How it stands with the oldest open frame of `job`.
+    pub async fn outlook(&self, job: JobId) -> Result<Option<Outlook>, Ending> {
+        let (reply, outlook) = oneshot::channel();
+        self.assembly.send(Task::Outlook(job, reply)).await.map_err(|_| Ending)?;
+        outlook.await.map_err(|_| Ending)
     }
 
     /// How things are with `job`.
@@ -206,7 +209,8 @@ impl Farm {
             workers: status.as_ref().map_or(0, |status| status.workers.len()),
             why_idle: status.and_then(|status| status.why_idle).map(|why| why.to_string()),
             tally: overview.tallies.remove(&job).unwrap_or_default(),
-            error: self.estimate(job).await?,
+            written: overview.written.get(&job).copied().unwrap_or(0),
+            outlook: self.outlook(job).await?,
         })
     }
 

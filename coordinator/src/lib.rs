@@ -2,12 +2,16 @@
 
 mod assembly;
 mod check;
+mod checkpoint;
 mod chronicle;
 pub mod cli;
 mod client;
+mod clocks;
 mod driver;
 mod farm;
+mod forecast;
 mod keeper;
+mod open_frame;
 mod outputs;
 mod pieces;
 mod progress;
@@ -18,4 +22,6 @@ mod service;
 mod signals;
 mod store;
 mod tally;
+mod truth;
+mod variance;
 mod views;

@@ -1,16 +1,21 @@
 //! Where finished frames go, and how they get there: whole or not at all.
 
+use crate::checkpoint::Checkpoint;
 use crate::store::frame_path;
-use farm_film::{Counters, ErrorEstimate, Film, FrameIndex, Resolution, Rgb};
+use crate::truth::References;
+use farm_film::{Counters, ErrorEstimate, Film, FrameIndex, Resolution, Rgb, Tile};
 use farm_image::{
-    Exposure, Frame, FrameMetadata, ImageError, PartialHeader, SampleFormat, encode_frame, pixels_digest,
-    write_frame, write_preview,
+    Exposure, Frame, FrameMetadata, ImageError, PartialHeader, Pass, SampleFormat, encode_frame,
+    pixels_digest, write_frame, write_preview,
 };
 use farm_job::{JobId, JobSpec};
 use farm_worker::frames::partial_header;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+/// Time to resolve a pixel and to write it, on a machine that renders at the same time.
+const WRITING_PER_PIXEL: Duration = Duration::from_nanos(500);
 
 /// A place for frames that cannot be one.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -91,6 +96,8 @@ pub struct OutputPlan {
     pub preview: bool,
     /// Name of the scene, for people.
     pub scene_name: String,
+    /// What frames are compared with on their way.
+    pub reference: Option<References>,
 }
 
 /// Where a job's finished frames go.
@@ -111,10 +118,20 @@ pub struct FinishedFrame {
     pub frame: FrameIndex,
     /// All its samples.
     pub film: Film,
+    /// Samples per pixel; the most, where tiles have ended on their own.
+    pub spp: u64,
+    /// Estimated error; none with too few samples to tell.
+    pub error: Option<ErrorEstimate>,
     /// What was traced for it.
     pub counters: Counters,
     /// From its first unit to its last.
     pub render: Duration,
+    /// How it came about, in order; the last is the frame itself.
+    pub checkpoints: Vec<Checkpoint>,
+    /// Variance per pixel, where it was asked for.
+    pub variance: Option<Vec<Rgb>>,
+    /// What else its file says of it, by name.
+    pub notes: serde_json::Map<String, serde_json::Value>,
 }
 
 /// What became of a frame.
@@ -126,6 +143,8 @@ pub struct FrameSummary {
     pub outputs: Vec<PathBuf>,
     /// Of width, height and the bits of every pixel.
     pub digest: String,
+    /// Samples per pixel.
+    pub spp: u64,
     /// Estimated error; none with too few samples to tell.
     pub error: Option<ErrorEstimate>,
     /// Values beyond what a 32-bit float holds, stored as the largest one.
@@ -136,6 +155,17 @@ pub struct FrameSummary {
     pub render_s: f64,
     /// What was traced.
     pub counters: Counters,
+    /// How it came about, in order; the last is the frame itself.
+    pub checkpoints: Vec<Checkpoint>,
+    /// Estimated error of every tile.
+    #[serde(skip)]
+    pub tiles: Vec<(Tile, ErrorEstimate)>,
+}
+
+/// Time that a frame of a job takes from its last sample to its file.
+pub fn writing(spec: &JobSpec) -> Duration {
+    let pixels = u64::from(spec.settings.width) * u64::from(spec.settings.height);
+    Duration::from_nanos((WRITING_PER_PIXEL.as_nanos() as u64).saturating_mul(pixels))
 }
 
 /// Resolves a frame of a job and writes its files.
@@ -176,7 +206,7 @@ pub fn write_resolved(
         write_preview(&path, resolved.resolution, &resolved.pixels, Exposure::Auto)?;
         outputs.push(path);
     }
-    Ok(resolved.summary(outputs, beyond_format))
+    Ok(resolved.summary(finished, outputs, beyond_format))
 }
 
 /// Resolves a frame of a job and gives its file, for the store.
@@ -190,49 +220,54 @@ pub fn encode(
     let resolved = Resolved::new(&header, scene_name, finished);
     let (exr, beyond_format) = encode_frame(&resolved.picture(), &resolved.metadata, SampleFormat::Float);
     let output = PathBuf::from(frame_path(job, finished.frame).to_string());
-    (exr, resolved.summary(vec![output], beyond_format))
+    (exr, resolved.summary(finished, vec![output], beyond_format))
 }
 
 /// A frame's pixels, and what is said of them.
-struct Resolved {
+struct Resolved<'a> {
     resolution: Resolution,
     pixels: Vec<Rgb>,
+    variance: Option<Pass<'a>>,
     metadata: FrameMetadata,
 }
 
-impl Resolved {
-    fn new(header: &PartialHeader, scene_name: &str, finished: &FinishedFrame) -> Self {
+impl<'a> Resolved<'a> {
+    fn new(header: &PartialHeader, scene_name: &str, finished: &'a FinishedFrame) -> Self {
         let film = &finished.film;
         let metadata = FrameMetadata {
             scene_name: scene_name.to_owned(),
             scene: header.scene,
             settings: header.settings,
             frame: finished.frame,
-            spp: film.spp(),
+            spp: finished.spp,
             seed: header.seed,
             renderer: header.renderer.clone(),
             counters: finished.counters,
-            error: film.error_estimate(),
+            error: finished.error,
             seconds: finished.render.as_secs_f64(),
-            extra: serde_json::Map::new(),
+            extra: finished.notes.clone(),
         };
-        Self { resolution: film.resolution(), pixels: film.pixels(), metadata }
+        let variance = finished.variance.as_ref().map(|variance| Pass::Rgb("variance", variance));
+        Self { resolution: film.resolution(), pixels: film.pixels(), variance, metadata }
     }
 
     fn picture(&self) -> Frame<'_> {
-        Frame { resolution: self.resolution, pixels: &self.pixels, passes: &[] }
+        Frame { resolution: self.resolution, pixels: &self.pixels, passes: self.variance.as_slice() }
     }
 
-    fn summary(self, outputs: Vec<PathBuf>, beyond_format: u64) -> FrameSummary {
+    fn summary(self, finished: &FinishedFrame, outputs: Vec<PathBuf>, beyond_format: u64) -> FrameSummary {
         FrameSummary {
             frame: self.metadata.frame.0,
             outputs,
             digest: blake3::Hash::from_bytes(pixels_digest(self.resolution, &self.pixels)).to_string(),
+            spp: self.metadata.spp,
             error: self.metadata.error,
             beyond_format,
             light_clamped: light_clamped(&self.metadata.counters, &self.pixels),
             render_s: self.metadata.seconds,
             counters: self.metadata.counters,
+            checkpoints: finished.checkpoints.clone(),
+            tiles: finished.film.tile_errors().collect(),
         }
     }
 }

@@ -1,6 +1,8 @@
 //! What one sees while a job renders.
 
 use crate::farm::Progress;
+use crate::forecast::Left;
+use crate::open_frame::Outlook;
 use farm_job::JobSpec;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -14,7 +16,7 @@ pub struct Display {
     bar: ProgressBar,
     lines: bool,
     last_line: Instant,
-    samples: u128,
+    spec: JobSpec,
 }
 
 impl Display {
@@ -29,9 +31,7 @@ impl Display {
         if let Ok(style) = ProgressStyle::with_template("{bar:32} {msg}") {
             bar.set_style(style);
         }
-        let area = u128::from(spec.settings.width) * u128::from(spec.settings.height);
-        let samples = area * u128::from(spec.spp) * u128::from(spec.frames.count());
-        Self { bar, lines: !terminal && !quiet, last_line: Instant::now(), samples }
+        Self { bar, lines: !terminal && !quiet, last_line: Instant::now(), spec: spec.clone() }
     }
 
     /// Shows where the job is.
@@ -39,9 +39,11 @@ impl Display {
         if self.bar.is_hidden() && !self.lines {
             return;
         }
-        let line = self.line(progress);
-        let done = u128::from(progress.tally.counters.samples).min(self.samples);
-        self.bar.set_position((done * 1000 / self.samples) as u64);
+        let left =
+            progress.outlook.as_ref().and_then(|outlook| Left::of_job(&self.spec, progress.written, outlook));
+        let part = self.part(progress, left.as_ref());
+        let line = line(progress, part, left.as_ref());
+        self.bar.set_position((part * 1000.0) as u64);
         if self.lines && self.last_line.elapsed() >= LINE_EVERY {
             self.last_line = Instant::now();
             eprintln!("{line}");
@@ -54,25 +56,50 @@ impl Display {
         self.bar.finish_and_clear();
     }
 
-    fn line(&self, progress: &Progress) -> String {
-        let done = u128::from(progress.tally.counters.samples).min(self.samples);
-        let mut line = format!("{:5.1} %", done as f64 / self.samples as f64 * 100.0);
-        let seconds = progress.tally.running().map_or(0.0, |running| running.as_secs_f64());
-        if done > 0 && seconds > 0.0 {
-            let speed = done as f64 / seconds;
-            line +=
-                &format!("  {}samples/s  eta {}", metric(speed), clock((self.samples - done) as f64 / speed));
+    /// How much of the job is done, of 1.
+    fn part(&self, progress: &Progress, left: Option<&Left>) -> f64 {
+        let done = progress.tally.spent.counters.samples as f64;
+        match left {
+            Some(left) => (done / left.samples).min(1.0),
+            None => progress.written as f64 / self.spec.frames.count() as f64,
         }
-        let workers = progress.workers;
-        line += &format!("  {workers} worker{}", if workers == 1 { "" } else { "s" });
-        if let Some(error) = &progress.error {
-            line += &format!("  error {:.4} at {} spp", error.rmse, error.spp);
-        }
-        if let (Some(why), 0) = (&progress.why_idle, done) {
-            line += &format!("  {why}");
-        }
-        line
     }
+}
+
+fn line(progress: &Progress, part: f64, left: Option<&Left>) -> String {
+    let mut line = format!("{:5.1} %", part * 100.0);
+    let done = progress.tally.spent.counters.samples;
+    let seconds = progress.tally.running().map_or(0.0, |running| running.as_secs_f64());
+    if done > 0 && seconds > 0.0 {
+        line += &format!("  {}samples/s", metric(done as f64 / seconds));
+    }
+    if let Some(left) = left {
+        line += &format!("  eta {}", range(left.seconds, left.seconds_low, left.seconds_high));
+    }
+    let workers = progress.workers;
+    line += &format!("  {workers} worker{}", if workers == 1 { "" } else { "s" });
+    if let Some(outlook) = &progress.outlook {
+        line += &error_text(outlook);
+    }
+    if let (Some(why), 0) = (&progress.why_idle, done) {
+        line += &format!("  {why}");
+    }
+    line
+}
+
+fn error_text(outlook: &Outlook) -> String {
+    let Some(error) = outlook.error else { return String::new() };
+    let mut text = format!("  error {:.4} (relMSE {:.2e}) at {} spp", error.rmse, error.rel_mse, outlook.spp);
+    if let Some(slope) = outlook.slope {
+        text += &format!(", slope {slope:.2}");
+    }
+    text
+}
+
+/// `1:20`, or `1:20 (1:05-1:50)` where the bounds are not the same to the second.
+pub fn range(seconds: f64, low: f64, high: f64) -> String {
+    let (shown, low, high) = (clock(seconds), clock(low), clock(high));
+    if low == high { shown } else { format!("{shown} ({low}-{high})") }
 }
 
 /// `12.3 M`, for people.
@@ -99,5 +126,7 @@ mod tests {
         assert_eq!(metric(12.0), "12.00 ");
         assert_eq!(clock(3723.4), "1:02:03");
         assert_eq!(clock(59.6), "1:00");
+        assert_eq!(range(80.0, 65.2, 110.0), "1:20 (1:05-1:50)");
+        assert_eq!(range(80.0, 79.9, 80.2), "1:20");
     }
 }

@@ -1,10 +1,18 @@
 //! What a render leaves behind beside its pictures: a summary for people, an object for scripts.
 
+mod chart;
+mod folder;
+mod heat_map;
+mod table;
+
+pub use folder::Folder;
+
 use crate::outputs::FrameSummary;
-use crate::progress::metric;
+use crate::progress::{clock, metric};
 use crate::tally::Tally;
-use farm_film::Counters;
-use farm_job::JobSpec;
+use farm_film::{Counters, ErrorEstimate};
+use farm_job::{JobSpec, Stop};
+use farm_scene::Settings;
 use farm_worker::cli::Loaded;
 use farm_worker::renderer::FINGERPRINT;
 use serde::Serialize;
@@ -18,8 +26,16 @@ pub struct RenderReport {
     pub scene: String,
     /// Digest of the scene's snapshot.
     pub scene_id: String,
+    /// How it was rendered.
+    pub settings: Settings,
+    /// When frames were to end before they had all samples.
+    pub stop: Stop,
     /// Version and arithmetic of the renderer.
     pub renderer: &'static str,
+    /// Where the coordinator ran.
+    pub host: String,
+    /// Threads of that machine.
+    pub host_threads: usize,
     /// To read and decode the scene.
     pub load_s: f64,
     /// Longest time a worker needed to make a frame ready to trace.
@@ -28,7 +44,9 @@ pub struct RenderReport {
     pub render_s: f64,
     /// Time that units took on their slots, summed.
     pub busy_s: f64,
-    /// Samples per pixel.
+    /// Processor time of them, as the workers measured it.
+    pub cpu_s: f64,
+    /// Samples per pixel; the most, where frames ended with different ones.
     pub spp: u64,
     /// Samples over all pixels and frames.
     pub samples: u64,
@@ -42,6 +60,8 @@ pub struct RenderReport {
     pub digest: String,
     /// Estimated root mean squared error in radiance, the worst frame's.
     pub error: Option<f64>,
+    /// Estimated relative mean squared error, the worst frame's.
+    pub rel_mse: Option<f64>,
     /// Files that were written.
     pub outputs: Vec<PathBuf>,
     /// Each frame.
@@ -63,22 +83,30 @@ impl RenderReport {
         frames: Vec<FrameSummary>,
         tally: &Tally,
     ) -> Self {
-        let errors = frames.iter().filter_map(|frame| frame.error.map(|error| error.rmse));
+        let worst = |error: fn(&ErrorEstimate) -> f64| {
+            frames.iter().filter_map(|frame| frame.error.as_ref().map(error)).reduce(f64::max)
+        };
         Self {
             scene: spec.name.clone(),
             scene_id: spec.scene.to_string(),
+            settings: spec.settings,
+            stop: spec.stop,
             renderer: FINGERPRINT,
+            host: rustix::system::uname().nodename().to_string_lossy().into_owned(),
+            host_threads: std::thread::available_parallelism().map_or(1, usize::from),
             load_s: loaded.load.as_secs_f64(),
             build_s: build.as_secs_f64(),
             render_s: tally.span().as_secs_f64(),
-            busy_s: tally.render.as_secs_f64(),
-            spp: spec.spp,
-            samples: tally.counters.samples,
-            rays: tally.counters.rays(),
-            counters: tally.counters,
+            busy_s: tally.spent.busy.as_secs_f64(),
+            cpu_s: tally.spent.cpu.as_secs_f64(),
+            spp: frames.iter().map(|frame| frame.spp).max().unwrap_or(spec.spp),
+            samples: tally.spent.counters.samples,
+            rays: tally.spent.counters.rays(),
+            counters: tally.spent.counters,
             clamp: spec.settings.clamp,
             digest: joint_digest(&frames),
-            error: errors.reduce(f64::max),
+            error: worst(|error| error.rmse),
+            rel_mse: worst(|error| error.rel_mse),
             outputs: frames.iter().flat_map(|frame| frame.outputs.iter().cloned()).collect(),
             workers: tally.workers.len(),
             units: tally.units,
@@ -108,6 +136,11 @@ impl RenderReport {
                 "warning: {beyond} values are beyond what the file holds and were stored as its largest"
             );
         }
+        for frame in &self.frames {
+            if let Some(missed) = self.missed(frame) {
+                eprintln!("warning: {missed}");
+            }
+        }
         let per_second = |count: u64| metric(count as f64 / self.render_s.max(1e-9));
         let plural = |count: usize| if count == 1 { "" } else { "s" };
         eprintln!(
@@ -125,13 +158,32 @@ impl RenderReport {
             self.workers,
             plural(self.workers),
         );
-        if let Some(error) = self.error {
-            eprintln!("estimated error {error:.5}");
+        if let (Some(error), Some(rel_mse)) = (self.error, self.rel_mse) {
+            eprintln!("estimated error {error:.5} (relMSE {rel_mse:.3e})");
         }
         eprintln!("digest {}", self.digest);
         for output in &self.outputs {
             eprintln!("wrote {}", output.display());
         }
+    }
+}
+
+impl RenderReport {
+    /// What is to be said of a frame that ended before its error was as low as it should be.
+    fn missed(&self, frame: &FrameSummary) -> Option<String> {
+        let (target, error) = self.stop.error.zip(frame.error)?;
+        if error.rel_mse <= target {
+            return None;
+        }
+        let mut text = format!(
+            "frame {} ended with an estimated relative mean squared error of {:.3e} at {} spp, above the {target} that was asked for",
+            frame.frame, error.rel_mse, frame.spp
+        );
+        if let Some(needed) = error.predict(target) {
+            let seconds = needed.spp / frame.spp as f64 * frame.render_s;
+            text += &format!(": that takes about {:.0} spp, {} at this speed", needed.spp, clock(seconds));
+        }
+        Some(text)
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a job has cost so far.
 
-use farm_film::Counters;
+use crate::checkpoint::Spent;
 use farm_job::WorkerId;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -8,26 +8,23 @@ use std::time::{Duration, Instant};
 /// Sums over the accepted units of one job.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
-    /// What was traced.
-    pub counters: Counters,
+    /// What they took.
+    pub spent: Spent,
     /// How many units.
     pub units: u64,
-    /// Time they took on their slots.
-    pub render: Duration,
     /// Connections that delivered at least one of them.
     pub workers: BTreeSet<WorkerId>,
     span: Option<(Instant, Instant)>,
 }
 
 impl Tally {
-    /// A unit was accepted that came at `arrived` after `render` of work.
-    pub fn add(&mut self, worker: WorkerId, counters: Counters, render: Duration, arrived: Instant) {
-        let begun = arrived.checked_sub(render).unwrap_or(arrived);
+    /// A unit was accepted that came at `arrived`.
+    pub fn add(&mut self, worker: WorkerId, spent: Spent, arrived: Instant) {
+        let begun = arrived.checked_sub(spent.busy).unwrap_or(arrived);
         let (first, last) = self.span.unwrap_or((begun, arrived));
         self.span = Some((first.min(begun), last.max(arrived)));
-        self.counters = self.counters.plus(counters);
+        self.spent = self.spent.plus(spent);
         self.units += 1;
-        self.render += render;
         self.workers.insert(worker);
     }
 

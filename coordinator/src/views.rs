@@ -1,8 +1,10 @@
 //! The farm as people see it.
 
 use crate::farm::{Ending, Farm, Overview};
+use crate::forecast::Left;
+use crate::open_frame::Outlook;
 use crate::store::StoredJob;
-use farm_job::{JobId, JobState};
+use farm_job::JobState;
 use farm_proto::convert::{JobView, WorkerView};
 use farm_scheduler::{JobStatus, WorkerStatus};
 use std::time::Duration;
@@ -22,7 +24,12 @@ pub async fn job(farm: &Farm, record: &StoredJob, overview: &Overview) -> Result
         frames_done,
         frames_total: record.spec.frames.count(),
         error: None,
+        rel_mse: None,
+        slope: None,
+        spp: 0,
         eta: None,
+        eta_low: None,
+        eta_high: None,
     };
     let Some(status) = known else { return Ok(view) };
     view.spec.priority = status.priority;
@@ -34,11 +41,28 @@ pub async fn job(farm: &Farm, record: &StoredJob, overview: &Overview) -> Result
     view.reason = reason(status, overview);
     view.samples_done = clamped(status.samples_done);
     view.samples_total = clamped(status.samples);
-    view.eta = eta(record.job, status, overview);
-    if !view.state.is_final() {
-        view.error = farm.estimate(record.job).await?.map(|error| error.rmse);
+    if view.state == JobState::Running
+        && let Some(outlook) = farm.outlook(record.job).await?
+    {
+        look_ahead(&mut view, frames_done, &outlook);
     }
     Ok(view)
+}
+
+/// How wrong the frame at hand is, and when the job will be done.
+fn look_ahead(view: &mut JobView, frames_done: u64, outlook: &Outlook) {
+    view.spp = outlook.spp;
+    view.error = outlook.error.map(|error| error.rmse);
+    view.rel_mse = outlook.error.map(|error| error.rel_mse);
+    view.slope = outlook.slope;
+    let Some(left) = Left::of_job(&view.spec, frames_done, outlook) else { return };
+    let time = |seconds: f64| Duration::try_from_secs_f64(seconds).ok();
+    view.eta = time(left.seconds);
+    view.eta_low = time(left.seconds_low);
+    view.eta_high = time(left.seconds_high);
+    if !view.spec.stop.is_never() {
+        view.samples_total = left.samples as u64;
+    }
 }
 
 fn clamped(samples: u128) -> u64 {
@@ -54,17 +78,6 @@ fn reason(status: &JobStatus, overview: &Overview) -> String {
         (_, Some(why)) => why.to_string(),
         (_, None) => String::new(),
     }
-}
-
-/// At the speed since this coordinator began with the job.
-fn eta(job: JobId, status: &JobStatus, overview: &Overview) -> Option<Duration> {
-    let tally = overview.tallies.get(&job)?;
-    let seconds = tally.running()?.as_secs_f64();
-    let left = status.samples.saturating_sub(status.samples_done) as f64;
-    let speed = tally.counters.samples as f64 / seconds;
-    (status.state == JobState::Running && speed > 0.0)
-        .then(|| Duration::try_from_secs_f64(left / speed).ok())
-        .flatten()
 }
 
 /// Everybody who is connected.

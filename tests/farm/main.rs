@@ -5,6 +5,7 @@ mod bucket;
 mod by_hand;
 mod closed;
 mod durability;
+mod error;
 mod harness;
 mod impostors;
 mod intruders;

@@ -2,9 +2,10 @@
 
 use crate::Image;
 
-/// Mean LDR-FLIP of the pictures as sRGB, clamped to [0, 1].
+/// Mean LDR-FLIP of the pictures, which must have one resolution, as sRGB clamped to [0, 1], at 67 pixels per degree; none when
+/// this crate was built without it.
 #[cfg(feature = "flip")]
-pub(crate) fn mean_flip(picture: &Image, reference: &Image) -> Option<f64> {
+pub fn flip(picture: &Image, reference: &Image) -> Option<f64> {
     let prepared = |image: &Image| {
         let bytes: Vec<u8> =
             image.pixels.iter().flatten().map(|&value| crate::preview::srgb_byte(value)).collect();
@@ -17,19 +18,18 @@ pub(crate) fn mean_flip(picture: &Image, reference: &Image) -> Option<f64> {
 
 /// Not part of this build.
 #[cfg(not(feature = "flip"))]
-pub(crate) fn mean_flip(_: &Image, _: &Image) -> Option<f64> {
+pub fn flip(_: &Image, _: &Image) -> Option<f64> {
     None
 }
 
 #[cfg(all(test, feature = "flip"))]
 mod tests {
-    use crate::compare;
     use crate::metrics::tests::image;
 
     #[test]
     fn flip_runs_from_equal_to_opposite() {
         let of = |value: f32| image(32, vec![[value; 3]; 1024]);
-        let flip = |a: f32, b: f32| compare(&of(a), &of(b)).unwrap().flip.unwrap();
+        let flip = |a: f32, b: f32| super::flip(&of(a), &of(b)).unwrap();
         assert_eq!(flip(0.5, 0.5), 0.0);
         assert!(flip(0.0, 1.0) > 0.9);
         let slight = flip(0.5, 0.52);

@@ -1,7 +1,7 @@
 //! Where two pictures differ, to look at.
 
 use crate::metrics::relative_errors;
-use crate::preview::png;
+use crate::preview::rgb_png;
 use crate::{Image, ImageError};
 
 /// Black, violet, red, orange, pale yellow: rising in lightness, so that it also reads in grey.
@@ -15,12 +15,12 @@ pub fn difference_png(picture: &Image, reference: &Image) -> Result<(Vec<u8>, f6
     let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
     let brightest = sorted[(sorted.len() - 1) * 999 / 1000];
-    let bytes: Vec<u8> = errors.iter().flat_map(|error| color(error / brightest)).collect();
-    Ok((png(reference.resolution, &bytes), brightest))
+    let bytes: Vec<u8> = errors.iter().flat_map(|error| heat_color(error / brightest)).collect();
+    Ok((rgb_png(reference.resolution, &bytes), brightest))
 }
 
 /// The colour of a share in [0, 1]; more is shown like 1, and 0/0 like 0.
-fn color(share: f64) -> [u8; 3] {
+pub fn heat_color(share: f64) -> [u8; 3] {
     let share = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
     let place = share * (COLORS.len() - 1) as f64;
     let index = (place as usize).min(COLORS.len() - 2);

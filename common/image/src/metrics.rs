@@ -35,13 +35,49 @@ pub struct Comparison {
     pub mean: [f64; 3],
     /// Mean of the reference per channel.
     pub mean_reference: [f64; 3],
-    /// Mean LDR-FLIP (Andersson et al. 2020) of the sRGB-encoded pictures clamped to [0, 1], at 67 pixels per degree; none when
-    /// the program was built without it.
+    /// Mean LDR-FLIP (Andersson et al. 2020) of the sRGB-encoded pictures clamped to [0, 1], at 67 pixels per degree; none where it
+    /// was not asked for, and when the program was built without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flip: Option<f64>,
+    /// Without the reference's own error; none when the reference does not state it, or is not independent of the picture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corrected: Option<Corrected>,
 }
 
-/// Compares pixel by pixel. Refuses pictures of another resolution and values that are not finite.
+/// Errors of a picture after those of its reference are taken off: the expected square of the difference of two independent
+/// estimates of one value is the sum of their variances.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Corrected {
+    /// Mean squared error that the reference states of itself.
+    pub reference_mse: f64,
+    /// Relative mean squared error that the reference states of itself.
+    pub reference_rel_mse: f64,
+    /// Root of `mse` less that of the reference; 0 where that is larger.
+    pub rmse: f64,
+    /// `rel_mse` less that of the reference; 0 where that is larger.
+    pub rel_mse: f64,
+}
+
+impl Corrected {
+    fn new(picture: &Image, reference: &Image, mse: f64, rel_mse: f64) -> Option<Self> {
+        let of_reference = reference.metadata.as_ref()?;
+        let error = of_reference.error?;
+        // Pictures of one seed share their samples.
+        if picture.metadata.as_ref().is_some_and(|of_picture| of_picture.seed == of_reference.seed) {
+            return None;
+        }
+        let reference_mse = error.rmse * error.rmse;
+        Some(Self {
+            reference_mse,
+            reference_rel_mse: error.rel_mse,
+            rmse: (mse - reference_mse).max(0.0).sqrt(),
+            rel_mse: (rel_mse - error.rel_mse).max(0.0),
+        })
+    }
+}
+
+/// Compares pixel by pixel, by everything but FLIP, which takes its time ([`crate::flip`]). Refuses pictures of another resolution
+/// and values that are not finite.
 pub fn compare(picture: &Image, reference: &Image) -> Result<Comparison, ImageError> {
     check(picture, reference)?;
     let mut relative: Vec<f64> = pairs(picture, reference)
@@ -76,7 +112,8 @@ pub fn compare(picture: &Image, reference: &Image) -> Result<Comparison, ImageEr
         max_abs,
         mean: channel_means(picture),
         mean_reference: channel_means(reference),
-        flip: crate::flip::mean_flip(picture, reference),
+        flip: None,
+        corrected: Corrected::new(picture, reference, mse, rel_mse),
     })
 }
 

@@ -32,7 +32,7 @@ pub fn preview_png(resolution: Resolution, pixels: &[Rgb], exposure: Exposure) -
     };
     let bytes =
         pixels.iter().flatten().map(|&value| tone_mapped(f64::from(value) * scale)).collect::<Vec<_>>();
-    png(resolution, &bytes)
+    rgb_png(resolution, &bytes)
 }
 
 /// Writes [`preview_png`] to a file, whole or not at all.
@@ -46,7 +46,7 @@ pub fn write_preview(
 }
 
 /// A PNG of sRGB bytes, three per pixel.
-pub(crate) fn png(resolution: Resolution, bytes: &[u8]) -> Vec<u8> {
+pub fn rgb_png(resolution: Resolution, bytes: &[u8]) -> Vec<u8> {
     let mut out = Vec::new();
     image::codecs::png::PngEncoder::new(&mut out)
         .write_image(bytes, resolution.width(), resolution.height(), image::ExtendedColorType::Rgb8)

@@ -6,5 +6,5 @@ mod spec;
 mod state;
 
 pub use ids::{Digest, DigestError, JobId, LeaseId, WorkerId};
-pub use spec::{FrameRange, JobSpec, JobSpecError};
+pub use spec::{FrameRange, JobSpec, JobSpecError, Stop};
 pub use state::JobState;

@@ -4,6 +4,7 @@ use crate::rounds;
 use farm_film::{FrameIndex, Resolution, SampleBlock, SampleRange};
 use farm_scene::{SceneId, Settings};
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// Frames `first, first + step, ..` up to and including `last`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +44,47 @@ pub enum JobSpecError {
     /// A frame rate that gives no time.
     #[error("{0} frames per second is no frame rate")]
     FrameRate(f64),
+    /// An error that nothing falls below.
+    #[error("a frame cannot stop at an error of {0}: a relative mean squared error is above 0")]
+    StopError(f64),
+    /// No time to render in.
+    #[error("a frame cannot stop after no time at all")]
+    StopTime,
+    /// Tiles that are to stop on their own, and do not know when.
+    #[error("tiles can only stop on their own at an error: there is none")]
+    StopTiles,
+}
+
+/// When a frame ends before it has all its samples; whichever comes first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Stop {
+    /// Once its estimated relative mean squared error is at most this, > 0.
+    pub error: Option<f64>,
+    /// Once this much time has passed since its first unit was begun.
+    pub time: Option<Duration>,
+    /// Not for its error before it has so many samples per pixel.
+    pub spp_min: u64,
+    /// Tiles also end on their own, each once its own error is at most `error`.
+    pub adaptive: bool,
+}
+
+impl Stop {
+    /// Whether all frames get all samples.
+    pub fn is_never(&self) -> bool {
+        self.error.is_none() && self.time.is_none()
+    }
+
+    fn validate(&self) -> Result<(), JobSpecError> {
+        match *self {
+            Self { error: Some(error), .. } if !(error.is_finite() && error > 0.0) => {
+                Err(JobSpecError::StopError(error))
+            }
+            Self { time: Some(Duration::ZERO), .. } => Err(JobSpecError::StopTime),
+            Self { error: None, adaptive: true, .. } => Err(JobSpecError::StopTiles),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl FrameRange {
@@ -126,8 +168,14 @@ pub struct JobSpec {
     pub settings: Settings,
     /// Which pictures.
     pub frames: FrameRange,
-    /// Samples per pixel.
+    /// Samples per pixel, at most.
     pub spp: u64,
+    /// When a frame ends with fewer.
+    #[serde(default)]
+    pub stop: Stop,
+    /// Whether finished frames carry the variance of every pixel.
+    #[serde(default)]
+    pub variance: bool,
     /// Side of a tile in pixels.
     pub tile_side: u32,
     /// Jobs of higher priority go first.
@@ -147,13 +195,13 @@ impl JobSpec {
         if !(self.settings.fps.is_finite() && self.settings.fps > 0.0) {
             return Err(JobSpecError::FrameRate(self.settings.fps));
         }
-        Ok(())
+        self.stop.validate()
     }
 
     /// Blocks of sample indices from the first sample to the last, each of which every tile of a frame gets before any tile
-    /// gets the next one.
+    /// gets the next one. A frame may end after any of them.
     pub fn rounds(&self) -> Result<Vec<SampleBlock>, JobSpecError> {
-        Ok(rounds::rounds(self.spp)?)
+        Ok(rounds::rounds(self.spp, !self.stop.is_never())?)
     }
 
     /// Width and height of every frame.

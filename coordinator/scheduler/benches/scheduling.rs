@@ -3,7 +3,7 @@
 //! `cargo bench -p farm-scheduler` prints one line per figure.
 
 use farm_film::{FrameIndex, SampleBlock, WorkUnit};
-use farm_job::{Digest, JobId, JobSpec, LeaseId, WorkerId};
+use farm_job::{Digest, JobId, JobSpec, LeaseId, Stop, WorkerId};
 use farm_scene::{Filter, Integrator, SceneId, Settings};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict};
 use std::collections::{BTreeMap, VecDeque};
@@ -28,7 +28,17 @@ fn million_units() -> JobSpec {
     };
     let frames = "0".parse().expect("a frame");
     let scene = SceneId([0; 32]);
-    JobSpec { name: "large".to_owned(), scene, settings, frames, spp: 16, tile_side: 8, priority: 0 }
+    JobSpec {
+        name: "large".to_owned(),
+        scene,
+        settings,
+        frames,
+        spp: 16,
+        stop: Stop::default(),
+        variance: false,
+        tile_side: 8,
+        priority: 0,
+    }
 }
 
 fn main() {

@@ -4,7 +4,7 @@ use super::watch::watch;
 use super::{print, print_json};
 use crate::client::Client;
 use crate::outputs::FrameNames;
-use crate::progress::{clock, metric};
+use crate::progress::{metric, range};
 use farm_film::FrameIndex;
 use farm_image::write_file;
 use farm_job::{FrameRange, JobId, WorkerId};
@@ -206,11 +206,14 @@ pub fn job_line(view: &JobView) -> String {
         view.frames_done,
         view.frames_total
     );
-    if let Some(eta) = view.eta {
-        line += &format!("  eta {}", clock(eta.as_secs_f64()));
+    if let (Some(eta), Some(low), Some(high)) = (view.eta, view.eta_low, view.eta_high) {
+        line += &format!("  eta {}", range(eta.as_secs_f64(), low.as_secs_f64(), high.as_secs_f64()));
     }
-    if let Some(error) = view.error {
-        line += &format!("  error {error:.4}");
+    if let (Some(error), Some(rel_mse)) = (view.error, view.rel_mse) {
+        line += &format!("  error {error:.4} (relMSE {rel_mse:.2e}) at {} spp", view.spp);
+    }
+    if let Some(slope) = view.slope {
+        line += &format!(", slope {slope:.2}");
     }
     if !view.reason.is_empty() {
         line += &format!("  {}", view.reason);
@@ -230,7 +233,12 @@ pub fn job_json(view: &JobView) -> Value {
         "frames_done": view.frames_done,
         "frames_total": view.frames_total,
         "error": view.error,
+        "rel_mse": view.rel_mse,
+        "slope": view.slope,
+        "spp": view.spp,
         "eta_s": view.eta.map(|eta| eta.as_secs_f64()),
+        "eta_low_s": view.eta_low.map(|eta| eta.as_secs_f64()),
+        "eta_high_s": view.eta_high.map(|eta| eta.as_secs_f64()),
     })
 }
 

@@ -87,8 +87,18 @@ fn merge(parts: Vec<Part>, names: &FrameNames, preview: bool) -> Result<FrameSum
     if !film.is_complete() {
         return Err(Fault::input("the partials do not make up a whole picture"));
     }
-    let plan = OutputPlan { names: names.clone(), preview, scene_name: String::new() };
-    let finished = FinishedFrame { frame: header.frame, film, counters, render: Duration::ZERO };
+    let plan = OutputPlan { names: names.clone(), preview, scene_name: String::new(), reference: None };
+    let finished = FinishedFrame {
+        frame: header.frame,
+        spp: film.spp(),
+        error: film.error_estimate(),
+        film,
+        counters,
+        render: Duration::ZERO,
+        checkpoints: Vec::new(),
+        variance: None,
+        notes: serde_json::Map::new(),
+    };
     write_resolved(&header, &plan, &finished).map_err(Fault::failed)
 }
 

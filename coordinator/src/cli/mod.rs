@@ -3,8 +3,10 @@
 mod compare;
 mod inspect;
 mod jobs;
+mod judge;
 mod listen;
 mod merge;
+mod reference;
 mod render;
 mod serve;
 mod submit;
@@ -42,6 +44,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
     Compare(compare::CompareArgs),
+    Reference(Box<reference::ReferenceArgs>),
     Inspect(Box<inspect::InspectArgs>),
     Serve(serve::ServeArgs),
     Submit(Box<submit::SubmitArgs>),
@@ -77,6 +80,7 @@ impl Settings {
             Command::Render(args) => render::run(*args),
             Command::Merge(args) => merge::run(&args),
             Command::Compare(args) => compare::run(&args),
+            Command::Reference(args) => reference::run(*args),
             Command::Inspect(args) => inspect::run(&args),
             Command::Serve(args) => serve::run(&args),
             Command::Submit(args) => submit::run(&args),

@@ -1,12 +1,13 @@
 //! One job from the command line to its pictures.
 
+use super::judge::JudgeArgs;
 use super::listen::{SecurityArgs, announce};
 use super::work::{WorkArgs, part};
 use crate::driver;
 use crate::farm::{Farm, JobEvent, Submission};
 use crate::outputs::{FrameNames, FrameSummary, OutputPlan, Outputs};
 use crate::progress::Display;
-use crate::report::RenderReport;
+use crate::report::{Folder, RenderReport};
 use crate::service::{Listener, serve_memory};
 use crate::signals::Signals;
 use farm_job::JobId;
@@ -41,22 +42,27 @@ Examples:
   coordinator render scene.glb -o scene.exr --preview
   coordinator render scene.glb -o scene.exr --resolution 1920x1080 --spp 256 --camera Front
   coordinator render scene.glb -o fox.####.exr --frames 1-24 --fps 24 --shutter 0.5
+  coordinator render scene.glb -o scene.exr --error 1e-3 --report out
+  coordinator render scene.glb -o scene.exr --time 90s --reference reference.exr
   coordinator render scene.glb -o scene.exr --environment sky.hdr --environment-rotation 90
   coordinator render scene.glb -o scene.exr --listen 127.0.0.1:7878 --no-local-worker")]
 pub struct RenderArgs {
     #[command(flatten)]
-    picture: PictureArgs,
+    pub(super) picture: PictureArgs,
 
     /// Where to write: OUT.exr, or OUT.####.exr with the frame's number for the signs; the scene's name if not given
     #[arg(short, long, env = "FARM_OUTPUT", value_name = "OUT.exr")]
-    output: Option<PathBuf>,
+    pub(super) output: Option<PathBuf>,
 
     /// Write a tone-mapped PNG beside every EXR
     #[arg(long, env = "FARM_PREVIEW")]
     preview: bool,
 
     #[command(flatten)]
-    work: WorkArgs,
+    pub(super) work: WorkArgs,
+
+    #[command(flatten)]
+    judge: JudgeArgs,
 
     /// Render threads of this machine; one per processor if not given
     #[arg(long, env = "FARM_THREADS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Farm")]
@@ -93,11 +99,12 @@ pub struct RenderArgs {
     quiet: bool,
 }
 
-/// Renders and writes every frame.
+/// Renders and writes every frame, then reports.
 pub fn run(args: RenderArgs) -> Result<(), Fault> {
-    let plan = args.plan()?;
     args.work.check(args.picture.resolution)?;
-    super::block_on(render(args, plan))
+    let folder = args.judge.folder()?;
+    let plan = args.plan()?;
+    super::block_on(render(args, plan, folder))
 }
 
 impl RenderArgs {
@@ -108,12 +115,14 @@ impl RenderArgs {
             Some(output) => output.clone(),
             None => PathBuf::from(format!("{scene_name}.exr")),
         };
-        let names = FrameNames::new(&output, self.work.frames().count() > 1).map_err(Fault::input)?;
-        Ok(OutputPlan { names, preview: self.preview, scene_name })
+        let frames = self.work.frames();
+        let names = FrameNames::new(&output, frames.count() > 1).map_err(Fault::input)?;
+        let reference = self.judge.references(frames, self.picture.resolution, self.picture.seed)?;
+        Ok(OutputPlan { names, preview: self.preview, scene_name, reference })
     }
 }
 
-async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
+async fn render(args: RenderArgs, plan: OutputPlan, folder: Option<Folder>) -> Result<(), Fault> {
     let doors = args.listen.map(|address| args.security.doors(address)).transpose()?;
     let listener = match &doors {
         Some(doors) => Some(Listener::bind(doors).await?),
@@ -174,7 +183,11 @@ async fn render(args: RenderArgs, plan: OutputPlan) -> Result<(), Fault> {
     if !args.quiet {
         report.summarise();
     }
-    if args.json { super::print_json(&report) } else { Ok(()) }
+    if args.json {
+        super::print_json(&report)?;
+    }
+    // Whatever becomes of the report, the frames are there.
+    folder.map_or(Ok(()), |folder| folder.write(&report)).map_err(Fault::failed)
 }
 
 type LocalWorker = JoinHandle<Result<Left, WorkerError>>;

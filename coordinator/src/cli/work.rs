@@ -1,19 +1,49 @@
 //! Flags that say how much is rendered, and in which pieces.
 
 use farm_film::Resolution;
-use farm_job::{FrameRange, JobSpec};
+use farm_job::{FrameRange, JobSpec, Stop};
 use farm_proto::PARTIAL_BYTES_MAX;
-use farm_worker::cli::{Fault, Loaded};
+use farm_worker::cli::{Fault, Loaded, duration};
+use std::time::Duration;
 
 /// Bytes of a partial beside its pixels.
 const PARTIAL_OVERHEAD: usize = 2 << 20;
 
+/// Samples per pixel where none are asked for.
+const SPP: u64 = 64;
+
+/// Samples per pixel after which a frame ends whatever its error: weeks of work for any picture worth looking at.
+const SPP_MAX: u64 = 1 << 20;
+
+/// A layer beside the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Layer {
+    /// Estimated variance of every pixel: channels variance.R, variance.G, variance.B
+    Variance,
+}
+
 /// How much is rendered, and in which pieces.
 #[derive(Clone, Debug, clap::Args)]
 pub struct WorkArgs {
-    /// Samples per pixel
-    #[arg(long, env = "FARM_SPP", allow_negative_numbers = true, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
-    pub spp: u64,
+    /// Samples per pixel; at most, with --error or --time [default: 64, and without a limit that matters with those]
+    #[arg(long, env = "FARM_SPP", allow_negative_numbers = true, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    spp: Option<u64>,
+
+    /// End a frame once its estimated relative mean squared error is at most this
+    #[arg(long, env = "FARM_ERROR", allow_negative_numbers = true, value_name = "E", value_parser = error_target)]
+    pub error: Option<f64>,
+
+    /// End a frame this long after its first unit was begun: 90s, 5m, 2h
+    #[arg(long, env = "FARM_TIME", allow_negative_numbers = true, value_name = "TIME", value_parser = some_time)]
+    time: Option<Duration>,
+
+    /// Samples per pixel before which no frame ends for its error.
+    #[arg(skip)]
+    pub spp_min: u64,
+
+    /// Layers to write beside the picture
+    #[arg(long, env = "FARM_AOV", value_name = "NAME", value_enum)]
+    aov: Option<Layer>,
 
     /// Frames to render: 5, 1-24 or 1-24x2
     #[arg(long, env = "FARM_FRAMES", value_name = "A-BxSTEP")]
@@ -35,6 +65,14 @@ impl WorkArgs {
         check_tile(resolution, self.tile).map_err(Fault::Input)
     }
 
+    fn spp(&self) -> u64 {
+        self.spp.unwrap_or(if self.stop().is_never() { SPP } else { SPP_MAX })
+    }
+
+    fn stop(&self) -> Stop {
+        Stop { error: self.error, time: self.time, spp_min: self.spp_min, adaptive: false }
+    }
+
     /// The job.
     pub fn spec(&self, loaded: &Loaded, name: &str, priority: i32) -> Result<JobSpec, Fault> {
         let spec = JobSpec {
@@ -42,7 +80,9 @@ impl WorkArgs {
             scene: loaded.id,
             settings: loaded.settings,
             frames: self.frames(),
-            spp: self.spp,
+            spp: self.spp(),
+            stop: self.stop(),
+            variance: self.aov == Some(Layer::Variance),
             tile_side: self.tile,
             priority,
         };
@@ -60,6 +100,24 @@ pub fn part(text: &str) -> Result<f64, String> {
     let part = number.trim().parse::<f64>().map(|number| number * scale).ok();
     part.filter(|part| (0.0..=1.0).contains(part))
         .ok_or_else(|| format!("{text:?} is no part of a whole: write 0.02 or 2%, at most 1"))
+}
+
+/// An error that can be reached.
+fn error_target(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value > 0.0 => Ok(value),
+        Ok(value) => {
+            Err(format!("no picture has an error of {value}: write a number above 0, for example 0.001"))
+        }
+        Err(_) => Err("write a number, for example 0.001".to_owned()),
+    }
+}
+
+fn some_time(text: &str) -> Result<Duration, String> {
+    match duration(text)? {
+        Duration::ZERO => Err("no picture is rendered in no time: write a time such as 90s or 5m".to_owned()),
+        time => Ok(time),
+    }
 }
 
 /// A tile travels in one message.

@@ -1,7 +1,7 @@
 use super::*;
 use farm_film::{Counters, SampleBlock, Tile};
 use farm_image::{PartialHeader, encode_partial};
-use farm_job::FrameRange;
+use farm_job::{FrameRange, Stop};
 use farm_scene::{Filter, Integrator, Settings};
 
 fn job(number: u64) -> StoredJob {
@@ -22,6 +22,8 @@ fn job(number: u64) -> StoredJob {
         settings,
         frames: FrameRange::new(1, 3, 1).unwrap(),
         spp: 32,
+        stop: Stop::default(),
+        variance: false,
         tile_side: 8,
         priority: 5,
     };

@@ -26,8 +26,18 @@ pub struct JobView {
     pub frames_total: u64,
     /// Estimated error of the oldest open frame: root of the mean square, in radiance.
     pub error: Option<f64>,
-    /// Until the end, at the present speed.
+    /// Its relative mean squared error.
+    pub rel_mse: Option<f64>,
+    /// Slope of log(error) over log(seconds), over the last four doublings of that frame.
+    pub slope: Option<f64>,
+    /// Samples per pixel that the errors speak of.
+    pub spp: u64,
+    /// Until the end: expected.
     pub eta: Option<Duration>,
+    /// The end lies hardly before this.
+    pub eta_low: Option<Duration>,
+    /// The end lies hardly after this.
+    pub eta_high: Option<Duration>,
 }
 
 /// One worker as it is now.
@@ -123,6 +133,11 @@ impl From<JobView> for v1::JobStatus {
             frames_total: view.frames_total,
             error: view.error,
             eta_seconds: view.eta.map(|eta| eta.as_secs_f64()),
+            eta_low_seconds: view.eta_low.map(|eta| eta.as_secs_f64()),
+            eta_high_seconds: view.eta_high.map(|eta| eta.as_secs_f64()),
+            rel_mse: view.rel_mse,
+            slope: view.slope,
+            spp: view.spp,
         }
     }
 }
@@ -141,6 +156,7 @@ impl TryFrom<v1::JobStatus> for JobView {
     type Error = ConvertError;
 
     fn try_from(status: v1::JobStatus) -> Result<Self, ConvertError> {
+        let time = |value: f64| seconds("remaining time", value);
         let state = match status.state() {
             v1::JobState::Running => JobState::Running,
             v1::JobState::Paused => JobState::Paused,
@@ -161,7 +177,12 @@ impl TryFrom<v1::JobStatus> for JobView {
             frames_done: status.frames_done,
             frames_total: status.frames_total,
             error: status.error,
-            eta: status.eta_seconds.map(|value| seconds("remaining time", value)).transpose()?,
+            rel_mse: status.rel_mse,
+            slope: status.slope,
+            spp: status.spp,
+            eta: status.eta_seconds.map(time).transpose()?,
+            eta_low: status.eta_low_seconds.map(time).transpose()?,
+            eta_high: status.eta_high_seconds.map(time).transpose()?,
         })
     }
 }

@@ -1,8 +1,8 @@
 //! Jobs and their settings.
 
-use super::{ConvertError, text};
+use super::{ConvertError, seconds, text};
 use crate::v1;
-use farm_job::{Digest, FrameRange, JobSpec};
+use farm_job::{Digest, FrameRange, JobSpec, Stop};
 use farm_scene::{Filter, Integrator, SceneId, Settings};
 
 impl From<Settings> for v1::Settings {
@@ -96,7 +96,33 @@ impl From<JobSpec> for v1::JobSpec {
             spp: spec.spp,
             tile_side: spec.tile_side,
             priority: spec.priority,
+            stop: (!spec.stop.is_never()).then(|| spec.stop.into()),
+            variance: spec.variance,
         }
+    }
+}
+
+impl From<Stop> for v1::Stop {
+    fn from(stop: Stop) -> Self {
+        Self {
+            error: stop.error,
+            seconds: stop.time.map(|time| time.as_secs_f64()),
+            spp_min: stop.spp_min,
+            adaptive: stop.adaptive,
+        }
+    }
+}
+
+impl TryFrom<v1::Stop> for Stop {
+    type Error = ConvertError;
+
+    fn try_from(stop: v1::Stop) -> Result<Self, ConvertError> {
+        Ok(Self {
+            error: stop.error,
+            time: stop.seconds.map(|time| seconds("time to stop after", time)).transpose()?,
+            spp_min: stop.spp_min,
+            adaptive: stop.adaptive,
+        })
     }
 }
 
@@ -111,6 +137,8 @@ impl TryFrom<v1::JobSpec> for JobSpec {
             settings: spec.settings.ok_or(ConvertError::Missing("settings"))?.try_into()?,
             frames: FrameRange::new(frames.first, frames.last, frames.step)?,
             spp: spec.spp,
+            stop: spec.stop.map(Stop::try_from).transpose()?.unwrap_or_default(),
+            variance: spec.variance,
             tile_side: spec.tile_side,
             priority: spec.priority,
         };
@@ -140,6 +168,13 @@ mod tests {
             },
             frames: FrameRange::new(1, 24, 2).unwrap(),
             spp: 100,
+            stop: Stop {
+                error: Some(1e-3),
+                time: Some(std::time::Duration::from_millis(2500)),
+                spp_min: 32,
+                adaptive: true,
+            },
+            variance: true,
             tile_side: 64,
             priority: -3,
         }
@@ -164,6 +199,9 @@ mod tests {
         assert!(refused(|job| job.settings.as_mut().unwrap().width = 0).contains("0x360"));
         assert!(refused(|job| job.settings.as_mut().unwrap().fps = f64::NAN).contains("frame rate"));
         assert!(refused(|job| job.settings.as_mut().unwrap().filter = 99).contains("99 is no known filter"));
+        assert!(refused(|job| job.stop.as_mut().unwrap().error = Some(0.0)).contains("error of 0"));
+        assert!(refused(|job| job.stop.as_mut().unwrap().error = None).contains("there is none"));
+        assert!(refused(|job| job.stop.as_mut().unwrap().seconds = Some(-1.0)).contains("time to stop"));
         assert!(refused(|job| job.name = "x".repeat(5000)).contains("5000 bytes"));
     }
 }

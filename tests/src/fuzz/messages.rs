@@ -112,6 +112,7 @@ fn job() -> v1::JobSpec {
         spp: 100,
         tile_side: 64,
         priority: -3,
+        ..v1::JobSpec::default()
     }
 }
 

@@ -6,7 +6,7 @@ mod stories;
 mod verification;
 
 use farm_film::WorkUnit;
-use farm_job::{Digest, JobSpec};
+use farm_job::{Digest, JobSpec, Stop};
 use farm_scene::{Filter, Integrator, SceneId, Settings};
 
 /// Stands for the digest of what an honest worker renders: units differ in it, workers do not.
@@ -46,6 +46,8 @@ pub(crate) fn spec(width: u32, height: u32, side: u32, spp: u64, frames: &str) -
         settings,
         frames: frames.parse().expect("a frame range"),
         spp,
+        stop: Stop::default(),
+        variance: false,
         tile_side: side,
         priority: 0,
     }
