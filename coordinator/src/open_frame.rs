@@ -4,7 +4,7 @@
 //! picture in between, and whether it ends there, depends on the samples alone and never on who was faster.
 
 use crate::checkpoint::{Checkpoint, Spent};
-use crate::forecast::Forecast;
+use crate::forecast::{Cause, Forecast};
 use crate::outputs::FinishedFrame;
 use crate::variance::Variance;
 use farm_film::{Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Rgb, SampleBlock, Tile};
@@ -12,6 +12,7 @@ use farm_job::{JobSpec, WorkerId};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
+use tracing::debug;
 
 /// A partial that came, beside its sums.
 pub struct Arrival {
@@ -161,6 +162,15 @@ impl OpenFrame {
             return Ok(Round::default());
         }
         self.error = self.film.error_estimate();
+        if let Some(error) = self.error {
+            debug!(
+                spp,
+                rel_mse = error.rel_mse,
+                band = error.rel_mse_band,
+                rate = error.rel_rate,
+                "round complete"
+            );
+        }
         let is_good =
             self.spec.stop.error.zip(self.error).is_some_and(|(target, error)| error.rel_mse <= target);
         if is_good && spp >= self.spec.stop.spp_min {
@@ -181,11 +191,17 @@ impl OpenFrame {
         self.advance(spp)?;
         self.error = self.film.error_estimate();
         self.check();
-        let (total, notes) = (self.total(), self.notes());
+        let ended = match self.end {
+            Some(_) => Cause::Error,
+            None if self.spp < self.spec.spp => Cause::Time,
+            None => Cause::Samples,
+        };
+        let (total, notes) = (self.total(), self.notes(ended));
         let resolution = self.film.resolution();
         Ok(FinishedFrame {
             frame,
             spp: self.spp,
+            ended,
             counters: total.counters,
             render: self.span(),
             notes,
@@ -197,12 +213,13 @@ impl OpenFrame {
     }
 
     /// What the frame's file says of how it came about.
-    fn notes(&self) -> serde_json::Map<String, serde_json::Value> {
+    fn notes(&self, ended: Cause) -> serde_json::Map<String, serde_json::Value> {
         let mut notes = serde_json::Map::new();
         notes.insert("cpu_seconds".to_owned(), self.total().cpu.as_secs_f64().into());
         notes.insert("workers".to_owned(), self.workers.len().into());
         if !self.spec.stop.is_never() {
             notes.insert("stop".to_owned(), json!(self.spec.stop));
+            notes.insert("ended".to_owned(), json!(ended));
         }
         notes
     }

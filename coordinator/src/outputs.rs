@@ -1,6 +1,7 @@
 //! Where finished frames go, and how they get there: whole or not at all.
 
 use crate::checkpoint::Checkpoint;
+use crate::forecast::Cause;
 use crate::store::frame_path;
 use crate::truth::References;
 use farm_film::{Counters, ErrorEstimate, Film, FrameIndex, Resolution, Rgb, Tile};
@@ -120,6 +121,8 @@ pub struct FinishedFrame {
     pub film: Film,
     /// Samples per pixel; the most, where tiles have ended on their own.
     pub spp: u64,
+    /// Why it has no more of them.
+    pub ended: Cause,
     /// Estimated error; none with too few samples to tell.
     pub error: Option<ErrorEstimate>,
     /// What was traced for it.
@@ -145,6 +148,8 @@ pub struct FrameSummary {
     pub digest: String,
     /// Samples per pixel.
     pub spp: u64,
+    /// Why it has no more of them.
+    pub ended: Cause,
     /// Estimated error; none with too few samples to tell.
     pub error: Option<ErrorEstimate>,
     /// Values beyond what a 32-bit float holds, stored as the largest one.
@@ -261,6 +266,7 @@ impl<'a> Resolved<'a> {
             outputs,
             digest: blake3::Hash::from_bytes(pixels_digest(self.resolution, &self.pixels)).to_string(),
             spp: self.metadata.spp,
+            ended: finished.ended,
             error: self.metadata.error,
             beyond_format,
             light_clamped: light_clamped(&self.metadata.counters, &self.pixels),

@@ -7,6 +7,7 @@ mod table;
 
 pub use folder::Folder;
 
+use crate::forecast::Cause;
 use crate::outputs::FrameSummary;
 use crate::progress::{clock, metric};
 use crate::tally::Tally;
@@ -136,10 +137,8 @@ impl RenderReport {
                 "warning: {beyond} values are beyond what the file holds and were stored as its largest"
             );
         }
-        for frame in &self.frames {
-            if let Some(missed) = self.missed(frame) {
-                eprintln!("warning: {missed}");
-            }
+        for ending in self.frames.iter().filter_map(|frame| self.ending(frame)) {
+            eprintln!("{ending}");
         }
         let per_second = |count: u64| metric(count as f64 / self.render_s.max(1e-9));
         let plural = |count: usize| if count == 1 { "" } else { "s" };
@@ -169,19 +168,34 @@ impl RenderReport {
 }
 
 impl RenderReport {
-    /// What is to be said of a frame that ended before its error was as low as it should be.
-    fn missed(&self, frame: &FrameSummary) -> Option<String> {
-        let (target, error) = self.stop.error.zip(frame.error)?;
-        if error.rel_mse <= target {
+    /// Why a frame ended, where there was more than one reason why it might, and what it lacks of the error that was asked for.
+    fn ending(&self, frame: &FrameSummary) -> Option<String> {
+        if self.stop.is_never() {
             return None;
         }
-        let mut text = format!(
-            "frame {} ended with an estimated relative mean squared error of {:.3e} at {} spp, above the {target} that was asked for",
-            frame.frame, error.rel_mse, frame.spp
-        );
-        if let Some(needed) = error.predict(target) {
-            let seconds = needed.spp / frame.spp as f64 * frame.render_s;
-            text += &format!(": that takes about {:.0} spp, {} at this speed", needed.spp, clock(seconds));
+        let why = match (frame.ended, self.stop) {
+            (Cause::Error, Stop { error: Some(target), .. }) => {
+                format!("its estimated relative mean squared error is at most {target}")
+            }
+            (Cause::Time, Stop { time: Some(time), .. }) => {
+                format!("its time of {} s was over", time.as_secs_f64())
+            }
+            _ => "it has all its samples".to_owned(),
+        };
+        let mut text =
+            format!("frame {} ended at {} spp after {:.2} s: {why}", frame.frame, frame.spp, frame.render_s);
+        if frame.ended != Cause::Error
+            && let Some((target, error)) = self.stop.error.zip(frame.error)
+        {
+            text += &format!(
+                ", and not because of its estimated relative mean squared error, which is {:.3e} where {target} was asked for",
+                error.rel_mse
+            );
+            if let Some(needed) = error.predict(target) {
+                let seconds = needed.spp / frame.spp as f64 * frame.render_s;
+                text +=
+                    &format!("; that takes about {:.0} spp, {} at this speed", needed.spp, clock(seconds));
+            }
         }
         Some(text)
     }

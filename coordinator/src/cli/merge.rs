@@ -2,6 +2,7 @@
 
 use super::{print, print_json};
 use crate::check::check_header;
+use crate::forecast::Cause;
 use crate::outputs::{FinishedFrame, FrameNames, FrameSummary, OutputPlan, write_resolved};
 use farm_film::{Counters, Film, FilmTile, SampleRange, Tile};
 use farm_image::{PartialHeader, PartialLimits, decode_partial};
@@ -91,6 +92,7 @@ fn merge(parts: Vec<Part>, names: &FrameNames, preview: bool) -> Result<FrameSum
     let finished = FinishedFrame {
         frame: header.frame,
         spp: film.spp(),
+        ended: Cause::Samples,
         error: film.error_estimate(),
         film,
         counters,

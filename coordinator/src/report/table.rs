@@ -111,6 +111,11 @@ pub fn markdown(report: &RenderReport) -> String {
         report.units,
         report.digest
     );
+    let endings: String =
+        report.frames.iter().filter_map(|frame| Some(format!("- {}\n", report.ending(frame)?))).collect();
+    if !endings.is_empty() {
+        page += &format!("{endings}\n");
+    }
     page += "| frame | spp | seconds | CPU s | rays | estimated RMSE | estimated relMSE | true RMSE | true relMSE | 1/(MSE x CPU s) | slope |\n\
              | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n";
     for frame in &report.frames {
