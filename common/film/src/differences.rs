@@ -1,5 +1,6 @@
 //! What the halves of sample blocks say about the variance of their means.
 
+use crate::{ExactSum, Tile};
 use serde::{Deserialize, Serialize};
 
 /// Keeps relative errors finite where the picture is black.
@@ -8,32 +9,32 @@ const RELATIVE_FLOOR: f64 = 0.01;
 /// Highest level: blocks of 2^62 samples.
 const LEVEL_MAX: usize = 62;
 
-/// Pixels on each side of one that are asked, within its tile, for what its value may be.
-const NEIGHBOURS: usize = 2;
+/// Side of the squares of pixels that are asked together what the value of one of them may be.
+const CELL_SIDE: u32 = 8;
 
 /// Sums over pairs of sibling blocks of one size, each pair in one pixel. With `a`, `b` the means of the two halves, a pair's
 /// value is the mean of `(a - b)^2 / 4` over the channels, its relative value that over `value^2 + 0.01`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LevelDifferences {
     /// How many pairs.
     pub pairs: u64,
     /// Of the values.
-    pub squared: f64,
+    pub squared: ExactSum,
     /// Of the values' squares: how far single pairs decide.
-    pub squared_spread: f64,
+    pub squared_spread: ExactSum,
     /// How many pairs have a relative value: all from the leaf upwards, none within it.
     pub relative_pairs: u64,
     /// Of the relative values.
-    pub relative: f64,
+    pub relative: ExactSum,
     /// Of their squares.
-    pub relative_spread: f64,
+    pub relative_spread: ExactSum,
 }
 
 /// Sums of sibling differences by size of the block that two siblings make up: what remains of samples that were added up.
 ///
-/// The sums of a tile over a block are, by definition, those of its left half plus those of its right half plus those of its
-/// pixels' own pairs in scanline order. So they do not depend on the division of the work either.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Additions are exact, so the sums do not depend on the division of the work: neither into blocks nor into tiles, but that
+/// relative values ask the neighbourhood in squares of 8 pixels, which the tiles must not cut if they are to be the same.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Differences {
     /// Entry `k - 1` is of blocks of `2^k` samples.
@@ -49,14 +50,11 @@ impl Differences {
         &self.levels
     }
 
-    /// Whether these can be the sums of a block of `samples` samples of `pixels` pixels: finite, not negative, and of no more
-    /// pairs than there are.
+    /// Whether these can be the sums of a block of `samples` samples of `pixels` pixels: of no more pairs than there are.
     pub fn fit(&self, pixels: usize, samples: u64) -> bool {
         let fits = |(index, level): (usize, &LevelDifferences)| {
-            let sums = [level.squared, level.squared_spread, level.relative, level.relative_spread];
             let pairs_max = u128::from(samples >> (index + 1)) * pixels as u128;
-            let pairs = u128::from(level.pairs.max(level.relative_pairs));
-            pairs <= pairs_max && sums.iter().all(|sum| sum.is_finite() && *sum >= 0.0)
+            u128::from(level.pairs.max(level.relative_pairs)) <= pairs_max
         };
         self.levels.len() <= LEVEL_MAX && self.levels.iter().enumerate().all(fits)
     }
@@ -66,49 +64,43 @@ impl Differences {
         for (level, more) in (1..).zip(&other.levels) {
             let sums = self.level_mut(level);
             sums.pairs += more.pairs;
-            sums.squared += more.squared;
-            sums.squared_spread += more.squared_spread;
+            sums.squared.add_sum(&more.squared);
+            sums.squared_spread.add_sum(&more.squared_spread);
             sums.relative_pairs += more.relative_pairs;
-            sums.relative += more.relative;
-            sums.relative_spread += more.relative_spread;
+            sums.relative.add_sum(&more.relative);
+            sums.relative_spread.add_sum(&more.relative_spread);
         }
     }
 
     /// Adds a pair that makes up a block of `2^level` samples.
     pub(crate) fn add(&mut self, level: u32, [left, right]: Halves) {
         let squared: f64 = left.into_iter().zip(right).map(|(a, b)| (a - b) * (a - b) / 12.0).sum();
-        // Sums that left the range of floats say nothing.
-        if (squared * squared).is_finite() {
-            let sums = self.level_mut(level);
+        let sums = self.level_mut(level);
+        // What left the range of sums says nothing.
+        if sums.squared_spread.add(squared * squared) && sums.squared.add(squared) {
             sums.pairs += 1;
-            sums.squared += squared;
-            sums.squared_spread += squared * squared;
         }
     }
 
-    /// Adds relative values of pairs, one per pixel of a tile of `width` columns.
+    /// Adds relative values of pairs, one per pixel of a tile in scanline order.
     ///
     /// What the squared error is divided by is unknown itself. The pair's mean is what a wrong value would hide behind: a
-    /// firefly is as bright as it is wrong. The product `a b` of the halves has the expectation of the true value's square, but is
-    /// zero where one half found nothing. So the part of the mean's square that the halves do not share is believed only as
-    /// far as the neighbourhood has it too.
-    pub(crate) fn add_relative(&mut self, level: u32, width: usize, pixels: &[Halves]) {
+    /// firefly is as bright as it is wrong. So the mean is believed only as far as both halves have it, or the pixels around.
+    pub(crate) fn add_relative(&mut self, level: u32, tile: Tile, pixels: &[Halves]) {
         let means: Vec<_> =
             pixels.iter().map(|[a, b]| std::array::from_fn(|c| 0.5 * (a[c] + b[c]))).collect();
-        let around = neighbourhoods(&means, width);
+        let cells = Cells { tile };
+        let around = cells.means(&means);
         let sums = self.level_mut(level);
-        for (([a, b], mean), around) in pixels.iter().zip(&means).zip(&around) {
+        for ((pixel, [a, b]), mean) in tile.pixels().zip(pixels).zip(&means) {
+            let around = &around[cells.index(pixel)];
             let relative = |c: usize| {
-                let (square, believed) =
-                    ((a[c] - b[c]) * (a[c] - b[c]) / 4.0, (around[c] / mean[c]).min(1.0));
-                let value = if mean[c] > 0.0 { a[c] * b[c] + square * believed * believed } else { 0.0 };
-                square / (value.max(0.0) + RELATIVE_FLOOR)
+                let believed = mean[c].min(around[c].max(a[c].min(b[c])));
+                (a[c] - b[c]) * (a[c] - b[c]) / 4.0 / (believed * believed + RELATIVE_FLOOR)
             };
             let relative = (relative(0) + relative(1) + relative(2)) / 3.0;
-            if (relative * relative).is_finite() {
+            if sums.relative_spread.add(relative * relative) && sums.relative.add(relative) {
                 sums.relative_pairs += 1;
-                sums.relative += relative;
-                sums.relative_spread += relative * relative;
             }
         }
     }
@@ -122,32 +114,34 @@ impl Differences {
     }
 }
 
-/// Mean over the square of pixels around each one, cut at the tile's edges.
-fn neighbourhoods(values: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
-    let rows = along(values, values.len() / width, |row, x| row * width + x, width);
-    along(&rows, width, |column, y| y * width + column, values.len() / width)
+/// Squares of pixels, aligned to the picture and cut at the edges of a tile.
+#[derive(Clone, Copy)]
+struct Cells {
+    tile: Tile,
 }
 
-/// Means along each of `lines` lines of `length` values.
-fn along(
-    values: &[[f64; 3]],
-    lines: usize,
-    index: impl Fn(usize, usize) -> usize,
-    length: usize,
-) -> Vec<[f64; 3]> {
-    let mut means = vec![[0.0; 3]; values.len()];
-    for line in 0..lines {
-        for at in 0..length {
-            let window = at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(length);
-            let scale = 1.0 / window.len() as f64;
-            let mean = &mut means[index(line, at)];
-            for other in window {
-                let value = values[index(line, other)];
-                (0..3).for_each(|c| mean[c] += scale * value[c]);
-            }
-        }
+impl Cells {
+    fn columns(self) -> u32 {
+        self.tile.x1().div_ceil(CELL_SIDE) - self.tile.x0() / CELL_SIDE
     }
-    means
+
+    /// Where a pixel's cell is among them.
+    fn index(self, (x, y): (u32, u32)) -> usize {
+        let row = y / CELL_SIDE - self.tile.y0() / CELL_SIDE;
+        (row * self.columns() + x / CELL_SIDE - self.tile.x0() / CELL_SIDE) as usize
+    }
+
+    /// Means over each cell of one value per pixel of the tile.
+    fn means(self, values: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let rows = self.tile.y1().div_ceil(CELL_SIDE) - self.tile.y0() / CELL_SIDE;
+        let mut sums = vec![([0.0; 3], 0.0); (rows * self.columns()) as usize];
+        for (pixel, value) in self.tile.pixels().zip(values) {
+            let (sum, count) = &mut sums[self.index(pixel)];
+            (0..3).for_each(|c| sum[c] += value[c]);
+            *count += 1.0;
+        }
+        sums.into_iter().map(|(sum, count)| sum.map(|value| value / count)).collect()
+    }
 }
 
 #[cfg(test)]
@@ -155,32 +149,58 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_neighbourhood_is_a_square_cut_at_the_edges() {
-        let values: Vec<_> = (0..35).map(|i| [f64::from(i % 7), f64::from(i / 7), 1.0]).collect();
-        let means = neighbourhoods(&values, 7);
-        let close = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
-        assert!(close(means[2 * 7 + 3], [3.0, 2.0, 1.0]), "{:?}", means[17]);
-        assert!(close(means[0], [1.0, 1.0, 1.0]), "{:?}", means[0]);
-        assert!(close(means[34], [5.0, 3.0, 1.0]), "{:?}", means[34]);
+    fn a_neighbourhood_is_a_cell_of_the_picture_cut_at_the_edges_of_the_tile() {
+        let tile = Tile::new(6, 15, 17, 18).unwrap();
+        let values: Vec<_> = tile.pixels().map(|(x, y)| [f64::from(x), f64::from(y), 1.0]).collect();
+        let cells = Cells { tile };
+        let expected = [
+            [6.5, 15.0, 1.0],
+            [11.5, 15.0, 1.0],
+            [16.0, 15.0, 1.0],
+            [6.5, 16.5, 1.0],
+            [11.5, 16.5, 1.0],
+            [16.0, 16.5, 1.0],
+        ];
+        assert_eq!(cells.means(&values), expected);
+        assert_eq!([(6, 15), (8, 15), (16, 16)].map(|pixel| cells.index(pixel)), [0, 1, 5]);
+    }
+
+    #[test]
+    fn the_sums_do_not_depend_on_the_tiles() {
+        let value = |x: u32, y: u32| f64::from((x * 7919 + y * 104_729) % 1000).exp2().powf(0.05);
+        let of = |tile: Tile| {
+            let pixels: Vec<_> = tile.pixels().map(|(x, y)| [[value(x, y); 3], [value(y, x); 3]]).collect();
+            let mut differences = Differences::default();
+            pixels.iter().for_each(|pair| differences.add(6, *pair));
+            differences.add_relative(6, tile, &pixels);
+            differences
+        };
+        let resolution = crate::Resolution::new(50, 30).unwrap();
+        for side in [8, 16, 24, 32] {
+            let mut sum = Differences::default();
+            resolution.tiles(side).for_each(|tile| sum.add_all(&of(tile)));
+            assert_eq!(sum, of(resolution.full()), "tiles of {side} pixels");
+        }
     }
 
     #[test]
     fn a_firefly_does_not_excuse_itself() {
         // One half of one pixel is a hundred times too bright; the true value is 1 everywhere.
+        let tile = Tile::new(0, 0, 5, 5).unwrap();
         let mut pixels = vec![[[1.0; 3]; 2]; 25];
         pixels[12][1] = [100.0; 3];
         let mut differences = Differences::default();
-        differences.add_relative(5, 5, &pixels);
+        differences.add_relative(5, tile, &pixels);
         let truth = 49.5 * 49.5 / 1.01;
-        let found = differences.levels()[4].relative;
+        let found = differences.levels()[4].relative.value();
         assert!(found > truth / 150.0 && found <= truth, "{found}, {truth}");
         assert!(found > 10.0 * 49.5 * 49.5 / (50.5 * 50.5), "{found}");
         // And a pixel that agrees with itself is taken at its word, whatever is around it.
         let mut lamp = vec![[[0.0; 3]; 2]; 25];
         lamp[12] = [[2.0; 3], [2.2; 3]];
         let mut differences = Differences::default();
-        differences.add_relative(5, 5, &lamp);
+        differences.add_relative(5, tile, &lamp);
         let expected = 0.01 / (2.1 * 2.1 + 0.01);
-        assert!((differences.levels()[4].relative / expected - 1.0).abs() < 0.01);
+        assert!((differences.levels()[4].relative.value() / expected - 1.0).abs() < 0.12);
     }
 }

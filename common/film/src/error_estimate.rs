@@ -114,8 +114,12 @@ impl Decays {
         let (squared, mut relative): (Vec<_>, Vec<_>) = levels
             .map(|level| {
                 (
-                    Observed::new(level.pairs, level.squared, level.squared_spread),
-                    Observed::new(level.relative_pairs, level.relative, level.relative_spread),
+                    Observed::new(level.pairs, level.squared.value(), level.squared_spread.value()),
+                    Observed::new(
+                        level.relative_pairs,
+                        level.relative.value(),
+                        level.relative_spread.value(),
+                    ),
                 )
             })
             .unzip();

@@ -288,6 +288,9 @@ mod tests {
             let whole = complete_film(resolution, side, spp);
             prop_assert_eq!(film.error_estimate(), whole.error_estimate());
             prop_assert!(film.tile_errors().eq(whole.tile_errors()));
+            // Squared errors do not know the tiles at all.
+            let rmse = |film: &Film| film.error_estimate().map(|estimate| estimate.rmse.to_bits());
+            prop_assert_eq!(rmse(&film), rmse(&complete_film(resolution, 7, spp)));
         }
     }
 

@@ -171,7 +171,7 @@ impl FilmTile {
         let level = block.samples().ilog2();
         if level > 0 {
             let halves: Vec<_> = leaves.iter().map(|leaf| leaf.halves).collect();
-            differences.add_relative(level, tile.width() as usize, &halves);
+            differences.add_relative(level, tile, &halves);
         }
         Self::new(tile, block, leaves.iter().map(|leaf| leaf.round()).collect()).with_differences(differences)
     }
@@ -223,7 +223,7 @@ impl FilmTile {
             .map(|(a, b)| [a, b].map(|sum| sum.map(|value| f64::from(value) * scale)))
             .collect();
         halves.iter().for_each(|pair| left.differences.add(level, *pair));
-        left.differences.add_relative(level, left.tile.width() as usize, &halves);
+        left.differences.add_relative(level, left.tile, &halves);
         for (a, b) in left.sums.iter_mut().zip(&right.sums) {
             *a = add_rgb(*a, *b);
         }

@@ -6,6 +6,7 @@
 mod decay;
 mod differences;
 mod error_estimate;
+mod exact_sum;
 mod film;
 mod film_tile;
 mod sample_block;
@@ -14,6 +15,7 @@ mod work_unit;
 
 pub use differences::{Differences, LevelDifferences};
 pub use error_estimate::{ErrorEstimate, Prediction};
+pub use exact_sum::ExactSum;
 pub use film::{Accepted, Film, FilmError, ResolvedTile};
 pub use film_tile::{Counters, FilmTile, LeafSum, Rgb, add_rgb};
 pub use sample_block::{LEAF_SAMPLES, SampleBlock, SampleBlockError, SampleRange};

@@ -163,7 +163,9 @@ pub(crate) mod tests {
     #[test]
     fn differences_come_back_bit_for_bit() {
         let (tile, (_, header)) = (observed(), partial(4, 4, 6, 5));
-        assert!(tile.differences().levels().iter().all(|level| level.pairs > 0 && level.squared > 0.0));
+        assert!(
+            tile.differences().levels().iter().all(|level| level.pairs > 0 && level.squared.value() > 0.0)
+        );
         let bytes = encode_partial(&tile, &header);
         assert_eq!(decode_partial(&bytes, PartialLimits::default()).unwrap().0, tile);
     }

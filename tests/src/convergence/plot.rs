@@ -15,7 +15,7 @@ const HEAD: i32 = 34;
 const SOBOL: RGBColor = RGBColor(31, 119, 180);
 const ESTIMATE: RGBColor = RGBColor(214, 99, 20);
 const INDEPENDENT: RGBColor = RGBColor(120, 120, 120);
-const GUIDE: RGBColor = RGBColor(190, 190, 190);
+const GUIDE: RGBColor = RGBColor(120, 170, 120);
 
 /// Draws the outcomes through the box filter as a PNG.
 pub fn draw(path: &Path, outcomes: &[Outcome]) -> Result<(), String> {
@@ -44,10 +44,10 @@ type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
 
 fn legend(area: &Area<'_>) -> Result<(), String> {
     let entries = [
-        ("true error", SOBOL),
-        ("estimated error", ESTIMATE),
-        ("true error of independent samples", INDEPENDENT),
-        ("slope -1/2", GUIDE),
+        ("true error, Owen-Sobol", SOBOL),
+        ("its estimate", ESTIMATE),
+        ("true error, independent samples", INDEPENDENT),
+        ("slope -1/2, guide", GUIDE),
     ];
     let mut x = 16;
     for (name, color) in entries {
@@ -58,6 +58,12 @@ fn legend(area: &Area<'_>) -> Result<(), String> {
         x += 60 + 9 * name.len() as i32;
     }
     Ok(())
+}
+
+/// The axes are labelled at powers of ten.
+fn power_of_ten(value: f64) -> String {
+    let decimals = -value.log10().round() as i32;
+    if decimals > 4 { format!("{value:.0e}") } else { format!("{value:.*}", decimals.max(0) as usize) }
 }
 
 fn panel(area: &Area<'_>, outcome: &Outcome) -> Result<(), String> {
@@ -85,12 +91,11 @@ fn panel(area: &Area<'_>, outcome: &Outcome) -> Result<(), String> {
         .configure_mesh()
         .x_desc("CPU seconds")
         .y_desc("RMSE (radiance)")
-        .x_labels(5)
-        .y_labels(6)
-        .x_label_formatter(&|x| format!("{x:.0e}"))
-        .y_label_formatter(&|y| format!("{y:.0e}"))
-        .label_style(("sans-serif", 13))
-        .light_line_style(WHITE)
+        .x_label_formatter(&|x| power_of_ten(*x))
+        .y_label_formatter(&|y| power_of_ten(*y))
+        .label_style(("sans-serif", 14))
+        .bold_line_style(RGBColor(200, 200, 200))
+        .light_line_style(RGBColor(238, 238, 238))
         .draw()
         .map_err(|err| err.to_string())?;
     let start = independent.first().or(truth.first()).copied().unwrap_or((x0, y1));

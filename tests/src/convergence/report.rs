@@ -44,7 +44,7 @@ fn around(spread: Spread) -> String {
 /// One line per scene, both filters together.
 pub fn markdown(outcomes: &[Outcome]) -> String {
     let mut out = String::from(
-        "| scene | RMSE at 16, 64 and most spp | CPU s | slope | estimated / true from 64 spp | independent / Owen-Sobol RMSE from 16 spp | predicted / real time |\n|---|---|---|---|---|---|---|\n",
+        "| scene | RMSE at 16, 64 and most spp | CPU s | slope | estimated / true RMSE from 64 spp | the same, roots of relMSE | independent / Owen-Sobol RMSE from 16 spp | predicted / real time |\n|---|---|---|---|---|---|---|---|\n",
     );
     for outcome in outcomes.iter().filter(|outcome| outcome.filter == "box") {
         let all: Vec<_> = outcomes.iter().filter(|other| other.scene == outcome.scene).collect();
@@ -52,18 +52,22 @@ pub fn markdown(outcomes: &[Outcome]) -> String {
         let at = |spp: u64| outcome.points.iter().find(|point| point.spp == spp);
         let shown = [at(16), at(64), Some(last)].into_iter().flatten();
         let rmse: Vec<_> = shown.map(|point| format!("{:.2e}", point.rmse.median)).collect();
-        let ratios = all.iter().flat_map(|outcome| &outcome.points).filter(|point| point.spp >= RATIO_FROM);
+        let judged =
+            || all.iter().flat_map(|outcome| &outcome.points).filter(|point| point.spp >= RATIO_FROM);
+        let medians =
+            |ratio: fn(&Point) -> Option<Spread>| range(judged().filter_map(ratio).map(|ratio| ratio.median));
         let gain = |point: &Point| Some(point.independent?.median / point.rmse.median);
         let gains = outcome.points.iter().filter(|point| point.spp >= 16).filter_map(gain);
         let predictions = all.iter().filter_map(|outcome| outcome.prediction).map(|ratio| ratio.median);
         let _ = writeln!(
             out,
-            "| {} | {} | {:.2} | {:.2} | {} | {} | {} |",
+            "| {} | {} | {:.2} | {:.2} | {} | {} | {} | {} |",
             outcome.scene,
             rmse.join(", "),
             last.seconds,
             outcome.slope,
-            range(ratios.filter_map(|point| point.ratio).map(|ratio| ratio.median)),
+            medians(|point| point.ratio),
+            medians(|point| point.rel_ratio),
             range(gains),
             range(predictions),
         );
