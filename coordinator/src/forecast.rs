@@ -1,11 +1,29 @@
 //! When a frame, and with it a job, will be done.
 
 use crate::open_frame::Outlook;
+use farm_film::{ErrorEstimate, Prediction};
 use farm_job::JobSpec;
 use serde::Serialize;
 
 /// How far the speed of the rest may lie from that of what is done: tiles and rounds differ, and machines come and go.
 const SPEED_SPREAD: f64 = 1.1;
+
+/// The relative mean squared error that a frame is held to have when it is asked whether it may end: one standard deviation of the
+/// estimate above it. A frame is asked after every round and ends with the first that will do, so an estimate that is too small
+/// by chance would be picked out of all; without the margin frames would be worse on average than they were asked to be.
+pub fn cautious(error: &ErrorEstimate) -> f64 {
+    error.rel_mse * margin(error)
+}
+
+/// The band has two standard deviations on each side.
+fn margin(error: &ErrorEstimate) -> f64 {
+    error.rel_mse_band.sqrt()
+}
+
+/// Samples per pixel after which a frame of that error will end for its error.
+pub fn needed(error: &ErrorEstimate, target: f64) -> Option<Prediction> {
+    error.predict(target / margin(error))
+}
 
 /// What ends a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -57,7 +75,7 @@ impl Forecast {
             let spp = done * end / seconds;
             ends.push(Self { cause: Cause::Time, spp, seconds: end, seconds_low: end, seconds_high: end });
         }
-        match spec.stop.error.map(|target| outlook.error.and_then(|error| error.predict(target))) {
+        match spec.stop.error.map(|target| outlook.error.and_then(|error| needed(&error, target))) {
             Some(Some(needed)) => {
                 let least = spec.stop.spp_min.max(outlook.spp) as f64;
                 ends.push(at(Cause::Error, round_up(spec, needed.spp.max(least)), needed.band));
@@ -125,7 +143,6 @@ fn round_up(spec: &JobSpec, spp: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use farm_film::ErrorEstimate;
     use farm_job::{FrameRange, Stop};
     use farm_scene::{Filter, Integrator, SceneId, Settings};
     use std::time::Duration;
@@ -162,7 +179,7 @@ mod tests {
             rmse: 0.1,
             rel_mse: 0.04,
             rmse_band: 1.05,
-            rel_mse_band: 1.1,
+            rel_mse_band: 1.21,
             rate: 1.0,
             rel_rate: 1.0,
             rel_parts: [0.04, 0.0, 0.0],
@@ -175,9 +192,10 @@ mod tests {
         let end = |spp, stop| Forecast::of_frame(&spec(spp, stop), &outlook(), 8.0).unwrap();
         let all = end(256, Stop::default());
         assert_eq!((all.cause, all.seconds), (Cause::Samples, 32.0));
-        let error = Stop { error: Some(0.01), ..Stop::default() };
+        let error = Stop { error: Some(0.0112), ..Stop::default() };
         let good = end(1 << 20, error);
         assert_eq!((good.cause, good.seconds, good.spp), (Cause::Error, 32.0, 256.0));
+        assert_eq!(cautious(&outlook().error.unwrap()), 0.04 * 1.21f64.sqrt());
         assert!(good.seconds_low < 30.0 && good.seconds_high > 35.0, "{good:?}");
         assert_eq!(end(128, error).cause, Cause::Samples);
         let late = end(1 << 20, Stop { time: Some(Duration::from_secs(20)), ..error });

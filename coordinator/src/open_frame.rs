@@ -4,7 +4,7 @@
 //! picture in between, and whether it ends there, depends on the samples alone and never on who was faster.
 
 use crate::checkpoint::{Checkpoint, Spent};
-use crate::forecast::{Cause, Forecast};
+use crate::forecast::{self, Cause, Forecast};
 use crate::outputs::FinishedFrame;
 use crate::variance::Variance;
 use farm_film::{Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Rgb, SampleBlock, Tile};
@@ -171,9 +171,8 @@ impl OpenFrame {
                 "round complete"
             );
         }
-        let is_good =
-            self.spec.stop.error.zip(self.error).is_some_and(|(target, error)| error.rel_mse <= target);
-        if is_good && spp >= self.spec.stop.spp_min {
+        let is_good = |(target, error): (f64, ErrorEstimate)| forecast::cautious(&error) <= target;
+        if self.spec.stop.error.zip(self.error).is_some_and(is_good) && spp >= self.spec.stop.spp_min {
             self.end = Some(spp);
         }
         if !spp.is_power_of_two() {

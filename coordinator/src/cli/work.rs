@@ -29,7 +29,7 @@ pub struct WorkArgs {
     #[arg(long, env = "FARM_SPP", allow_negative_numbers = true, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     spp: Option<u64>,
 
-    /// End a frame once its estimated relative mean squared error is at most this
+    /// End a frame once its estimated relative mean squared error, and one standard deviation of that on top, is at most this
     #[arg(long, env = "FARM_ERROR", allow_negative_numbers = true, value_name = "E", value_parser = error_target)]
     pub error: Option<f64>,
 
