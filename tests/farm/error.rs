@@ -35,17 +35,17 @@ fn compare(place: &Place, files: [&str; 2], flags: &[&str]) -> Said {
 #[test]
 fn a_frame_ends_at_its_error_with_the_same_bits_whoever_rendered_it() {
     let place = Place::new();
-    let stopped = rendered(&place, "a.exr", &["--error", "0.002", "--threads", "1"]);
+    let stopped = rendered(&place, "a.exr", &["--error", "1e-4", "--threads", "1"]);
     let spp = stopped["spp"].as_u64().unwrap();
     let error = |what: &str| stopped["frames"][0]["error"][what].as_f64().unwrap();
     let cautious = error("rel_mse") * error("rel_mse_band").sqrt();
-    assert!(cautious <= 0.002 && cautious > 0.0015, "a margin, and no more rounds than needed: {stopped}");
+    assert!(cautious <= 1e-4 && cautious > 5e-5, "a margin, and no more rounds than needed: {stopped}");
     assert!((32..4096).contains(&spp) && spp.is_multiple_of(16), "{spp}");
     let plain = rendered(&place, "b.exr", &["--spp", &spp.to_string()]);
     assert_eq!(stopped["digest"], plain["digest"], "the bits of --spp {spp}");
 
     let mut flags = PICTURE.to_vec();
-    flags.extend(["--error", "0.002"]);
+    flags.extend(["--error", "1e-4"]);
     let (coordinator, address) = serving(&place, &flags);
     let _workers = ["one", "two"].map(|name| joining(&address, name));
     let farm = coordinator.wait().json();
@@ -70,7 +70,7 @@ fn a_served_job_tells_its_error_while_it_runs_and_ends_at_it() {
     let place = Place::new();
     let server = Server::start(&place, "127.0.0.1:0");
     let mut flags = PICTURE.to_vec();
-    flags.extend(["--error", "0.001", "--aov", "variance"]);
+    flags.extend(["--error", "1e-5", "--aov", "variance"]);
     let job = server.submit(&place, &flags);
     let worker = joining(&server.address, "one");
     let known = server.wait_until(&job, "a forecast", |status| !status["eta_high_s"].is_null());
@@ -82,7 +82,7 @@ fn a_served_job_tells_its_error_while_it_runs_and_ends_at_it() {
     let fetched = place.path("fetched.exr");
     server.ask(&["fetch", &job, "-o", fetched.to_str().unwrap()]).json();
     let metadata = read_image(&fetched).unwrap().metadata.unwrap();
-    assert!(metadata.error.unwrap().rel_mse <= 0.001 && metadata.spp >= 16, "{metadata:?}");
+    assert!(metadata.error.unwrap().rel_mse <= 1e-5 && metadata.spp >= 16, "{metadata:?}");
     assert_eq!(metadata.extra["ended"], "error");
     let spp = metadata.spp.to_string();
     rendered(&place, "plain.exr", &["--spp", &spp]);
@@ -110,6 +110,8 @@ fn a_report_that_cannot_be_written_costs_no_frame() {
 #[test]
 fn a_frame_ends_at_its_time_with_the_bits_of_its_samples() {
     let place = Place::new();
+    // Only now: the programs may have had to be built.
+    let _program = coordinator();
     let begun = Instant::now();
     let stopped = rendered(&place, "a.exr", &["--time", "2s", "--error", "1e-9"]);
     let took = begun.elapsed();
