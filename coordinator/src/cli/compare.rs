@@ -77,7 +77,7 @@ pub fn run(args: &CompareArgs) -> Result<(), Fault> {
     if args.metrics.contains(&Metric::Flip) && comparison.flip.is_none() {
         return Err(Fault::input(
             "--metrics flip: this program was built without FLIP, whose implementation needs a C++ compiler: \
-             build it with --features flip, or ask for other metrics",
+             build it with --features farm-coordinator/flip, or ask for other metrics",
         ));
     }
     if let Some(warning) = doubt(&picture, &reference) {

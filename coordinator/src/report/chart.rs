@@ -180,7 +180,7 @@ fn draw<B: DrawingBackend>(report: &RenderReport, area: &DrawingArea<B, Shift>) 
         chart
             .draw_series([Polygon::new(curves.band, BLUE.mix(0.2))])
             .map_err(fault)?
-            .label("its 95 % band")
+            .label("95 % band of the estimate")
             .legend(|(x, y)| Rectangle::new([(x, y - 5), (x + 24, y + 5)], BLUE.mix(0.2).filled()));
     }
     let mut lines = |curves: Vec<Curve>, color: RGBColor, name: &'static str| -> Result<(), String> {
