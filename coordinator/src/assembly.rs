@@ -12,6 +12,7 @@ use farm_scheduler::Delivery;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tokio::runtime::{Handle, RuntimeFlavor};
 use tokio::sync::{mpsc, oneshot};
 use tracing::warn;
 
@@ -110,10 +111,19 @@ pub fn start(
     // Frames pile up only while the store fails, and then nothing more is given out.
     let (frame_sender, frames) = mpsc::unbounded_channel();
     let assembly = Assembly { jobs: BTreeMap::new(), reports: reports.clone(), frames: frame_sender };
-    std::thread::Builder::new().name("assembly".to_owned()).spawn(move || assembly.run(tasks))?;
-    let writer = FrameWriter { store, runtime: tokio::runtime::Handle::current(), reports };
-    std::thread::Builder::new().name("frame-writer".to_owned()).spawn(move || writer.run(frames))?;
+    apart("assembly", assembly.run(tasks))?;
+    apart("frame-writer", FrameWriter { store, reports }.run(frames))?;
     Ok(task_sender)
+}
+
+/// Runs a task on a thread of its own; among the others where the runtime has a single thread, as in simulations.
+fn apart(name: &str, task: impl Future<Output = ()> + Send + 'static) -> std::io::Result<()> {
+    let runtime = Handle::current();
+    if runtime.runtime_flavor() == RuntimeFlavor::CurrentThread {
+        runtime.spawn(task);
+        return Ok(());
+    }
+    std::thread::Builder::new().name(name.to_owned()).spawn(move || runtime.block_on(task)).map(drop)
 }
 
 enum FrameTask {
@@ -124,27 +134,26 @@ enum FrameTask {
 
 struct FrameWriter {
     store: Option<Arc<Store>>,
-    runtime: tokio::runtime::Handle,
     reports: mpsc::UnboundedSender<Report>,
 }
 
 impl FrameWriter {
-    fn run(self, mut frames: mpsc::UnboundedReceiver<FrameTask>) {
+    async fn run(self, mut frames: mpsc::UnboundedReceiver<FrameTask>) {
         let mut truths = Truths::default();
-        while let Some(task) = frames.blocking_recv() {
+        while let Some(task) = frames.recv().await {
             let report = match task {
                 FrameTask::Write { job, spec, outputs, mut finished } => {
                     if let Outputs::Files(plan) = &outputs {
                         truths.tell(job, plan, &mut finished);
                     }
-                    Report::Frame { job, outcome: self.write(job, &spec, &outputs, &finished) }
+                    Report::Frame { job, outcome: self.write(job, &spec, &outputs, &finished).await }
                 }
                 FrameTask::Look { job, frame, plan, spp, pixels } => {
                     truths.look(job, frame, &plan, spp, pixels);
                     continue;
                 }
                 FrameTask::Withdraw { job, outputs, frame } => {
-                    self.withdraw(job, &outputs, frame);
+                    self.withdraw(job, &outputs, frame).await;
                     Report::Withdrawn(job, frame)
                 }
             };
@@ -153,7 +162,7 @@ impl FrameWriter {
         }
     }
 
-    fn write(
+    async fn write(
         &self,
         job: JobId,
         spec: &JobSpec,
@@ -166,8 +175,8 @@ impl FrameWriter {
                 let (exr, summary) = outputs::encode(job, spec, scene_name, finished);
                 let (frame, exr) = (finished.frame, Bytes::from(exr));
                 // All of it is safe as partials: there is time until the store has room for the frame.
-                self.insist(|| store.put_frame(job, frame, exr.clone()))?;
-                self.runtime.block_on(store.remove_partials(job, frame));
+                self.insist(|| store.put_frame(job, frame, exr.clone())).await?;
+                store.remove_partials(job, frame).await;
                 for warning in finished.counters.warnings() {
                     warn!(%job, %frame, "{warning}");
                 }
@@ -177,12 +186,11 @@ impl FrameWriter {
         }
     }
 
-    fn withdraw(&self, job: JobId, outputs: &Outputs, frame: FrameIndex) {
+    async fn withdraw(&self, job: JobId, outputs: &Outputs, frame: FrameIndex) {
         let outcome = match (outputs, &self.store) {
             (Outputs::Files(plan), _) => outputs::withdraw(plan, frame).map_err(|err| err.to_string()),
-            (Outputs::Store { .. }, store) => {
-                store.as_ref().map_or(Ok(()), |store| self.insist(|| store.remove_frame(job, frame)))
-            }
+            (Outputs::Store { .. }, Some(store)) => self.insist(|| store.remove_frame(job, frame)).await,
+            (Outputs::Store { .. }, None) => Ok(()),
         };
         if let Err(error) = outcome {
             warn!(%job, %frame, error, "a wrong frame cannot be removed; it will be written over");
@@ -190,17 +198,20 @@ impl FrameWriter {
     }
 
     /// Does something with the store until it is done, or until the store is another coordinator's.
-    fn insist<F: Future<Output = Result<(), StoreError>>>(&self, act: impl Fn() -> F) -> Result<(), String> {
+    async fn insist<F: Future<Output = Result<(), StoreError>>>(
+        &self,
+        act: impl Fn() -> F,
+    ) -> Result<(), String> {
         let tell = |outcome| drop(self.reports.send(Report::Store(StorePart::Frames, outcome)));
         let mut failed = false;
         loop {
-            match self.runtime.block_on(act()) {
+            match act().await {
                 Ok(()) => break,
                 Err(error @ StoreError::TurnOver(_)) => return Err(error.to_string()),
                 Err(error) => tell(Err(error.to_string())),
             }
             failed = true;
-            std::thread::sleep(RETRY_AFTER);
+            tokio::time::sleep(RETRY_AFTER).await;
         }
         if failed {
             tell(Ok(()));
@@ -222,8 +233,8 @@ struct Assembly {
 }
 
 impl Assembly {
-    fn run(mut self, mut tasks: mpsc::Receiver<Task>) {
-        while let Some(task) = tasks.blocking_recv() {
+    async fn run(mut self, mut tasks: mpsc::Receiver<Task>) {
+        while let Some(task) = tasks.recv().await {
             match task {
                 Task::Open(job, spec, outputs) => {
                     // It is still open when a frame of it is rendered again.

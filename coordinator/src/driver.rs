@@ -17,8 +17,9 @@ use farm_proto::convert::{FromWorker, Grant, Heartbeat, Hello, ToWorker};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict, WhyDisconnect};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::Instant;
 use tracing::{debug, error, info, warn};
 
 /// Things told to the driver that wait for it; beyond this, those who tell have to wait.
@@ -94,20 +95,22 @@ impl Driver {
     async fn run(mut self, mut inputs: mpsc::Receiver<Input>, mut reports: mpsc::UnboundedReceiver<Report>) {
         loop {
             let deadline = self.scheduler.next_deadline().map(|Timestamp(after)| self.started + after);
-            let deadline = [deadline, self.clocks.next()].into_iter().flatten().min();
+            let deadline = [deadline, self.clocks.next().map(Instant::from_std)].into_iter().flatten().min();
             let tick = async {
                 match deadline {
-                    Some(deadline) => tokio::time::sleep_until(deadline.into()).await,
+                    Some(deadline) => tokio::time::sleep_until(deadline).await,
                     None => std::future::pending().await,
                 }
             };
             tokio::select! {
+                // Time and reports bring less than they settle, so that inputs wait for them but not forever.
+                biased;
+                () = tick => self.tick(),
                 Some(report) = reports.recv() => self.report(report),
                 input = inputs.recv() => match input {
                     Some(input) => self.input(input).await,
                     None => break,
                 },
-                () = tick => self.tick(),
             }
             while let Some(action) = self.scheduler.poll_action() {
                 self.perform(action).await;
@@ -124,7 +127,7 @@ impl Driver {
     }
 
     fn tick(&mut self) {
-        for (job, frame, spp) in self.clocks.take_due(Instant::now()) {
+        for (job, frame, spp) in self.clocks.take_due(Instant::now().into_std()) {
             self.handle(Event::FrameTruncated { job, frame, spp });
         }
         self.handle(Event::Tick);

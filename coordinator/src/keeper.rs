@@ -100,6 +100,7 @@ impl Desk {
         let mut puts = JoinSet::new();
         loop {
             tokio::select! {
+                biased;
                 order = orders.recv() => match order {
                     Some(order) => self.obey(order, &mut puts).await,
                     None => return,

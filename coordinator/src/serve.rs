@@ -50,10 +50,7 @@ async fn serve_from(
     let listener = Listener::bind(doors).await?;
     let farm = driver::start(Some(store.clone()), verify)
         .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
-    let jobs = store.jobs().await.map_err(Fault::failed)?;
-    for job in &jobs {
-        restore(&farm, &store, job).await.map_err(Fault::failed)?;
-    }
+    let jobs = restore_all(&farm, &store).await.map_err(Fault::failed)?;
     eprintln!("listening on {}", listener.address());
     announce(&doors.security, listener.address())?;
     listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs)))?;
@@ -71,6 +68,15 @@ pub enum RestoreError {
     /// There is nobody to go on with it.
     #[error(transparent)]
     Ending(#[from] Ending),
+}
+
+/// Goes on with every job that the store holds; all of them, also those that have ended.
+pub async fn restore_all(farm: &Farm, store: &Store) -> Result<Vec<StoredJob>, RestoreError> {
+    let jobs = store.jobs().await?;
+    for job in &jobs {
+        restore(farm, store, job).await?;
+    }
+    Ok(jobs)
 }
 
 /// Goes on with a job from what the store holds of it.

@@ -5,7 +5,8 @@ use crate::farm::{Arrived, Ending, Farm, Input};
 use farm_job::WorkerId;
 use farm_proto::convert::{FromWorker, UnitResult};
 use farm_proto::v1;
-use std::time::Instant;
+use farm_worker::blocking;
+use tokio::time::Instant;
 use tonic::Streaming;
 use tracing::{debug, warn};
 
@@ -38,11 +39,11 @@ pub(super) async fn listen(worker: WorkerId, mut incoming: Streaming<v1::WorkerM
 
 /// Looks at a result away from the threads that answer messages.
 async fn take(worker: WorkerId, result: UnitResult, farm: &Farm) -> Result<(), Ending> {
-    let at = Instant::now();
+    let at = Instant::now().into_std();
     let spec = farm.registry.job(result.job);
-    let arrived = tokio::task::spawn_blocking(move || {
+    let arrived = blocking(move || {
         let outcome = spec.map(|spec| check(&result, &spec));
         Arrived { worker, result, outcome, at }
     });
-    farm.tell(Input::Arrived(Box::new(arrived.await.map_err(|_| Ending)?))).await
+    farm.tell(Input::Arrived(Box::new(arrived.await))).await
 }

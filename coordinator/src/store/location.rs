@@ -6,6 +6,7 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::prefix::PrefixStore;
 use object_store::{BackoffConfig, ObjectStore, RetryConfig};
+use rustix::time::{ClockId, clock_gettime};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -52,6 +53,15 @@ impl std::str::FromStr for StoreLocation {
     }
 }
 
+/// Tells the time that has passed since some moment.
+pub type Clock = Arc<dyn Fn() -> Duration + Send + Sync>;
+
+/// Time since the machine started, sleep included.
+fn since_start() -> Duration {
+    let time = clock_gettime(ClockId::Boottime);
+    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
+}
+
 /// A store's objects, with all names below its root.
 pub(super) struct Objects {
     /// What is put is durable when the put returns.
@@ -62,10 +72,17 @@ pub(super) struct Objects {
     pub folder: Option<PathBuf>,
     /// Puts that are worth having under way at the same time.
     pub puts: usize,
+    /// Counts while the machine sleeps.
+    pub clock: Clock,
 }
 
 impl Objects {
+    pub fn over(objects: Arc<dyn ObjectStore>, clock: Clock) -> Self {
+        Self { durable: objects.clone(), quick: objects, folder: None, puts: PUTS_LOCAL, clock }
+    }
+
     pub fn open(location: &StoreLocation) -> Result<Self, StoreError> {
+        let clock: Clock = Arc::new(since_start);
         let unusable = |error: String| StoreError::Unusable { store: location.to_string(), error };
         match location {
             StoreLocation::Folder(folder) => {
@@ -75,11 +92,17 @@ impl Objects {
                 // Without fsync a put may be gone after a power cut, although its file was there.
                 let durable = local()?.with_fsync(true).with_automatic_cleanup(true);
                 let folder = Some(folder.clone());
-                Ok(Self { durable: Arc::new(durable), quick: Arc::new(local()?), folder, puts: PUTS_LOCAL })
+                Ok(Self {
+                    durable: Arc::new(durable),
+                    quick: Arc::new(local()?),
+                    folder,
+                    puts: PUTS_LOCAL,
+                    clock,
+                })
             }
             StoreLocation::S3(url) => {
                 let bucket = bucket(url).map_err(|err| unusable(err.to_string()))?;
-                Ok(Self { durable: bucket.clone(), quick: bucket, folder: None, puts: PUTS_BUCKET })
+                Ok(Self { durable: bucket.clone(), quick: bucket, folder: None, puts: PUTS_BUCKET, clock })
             }
         }
     }

@@ -22,7 +22,7 @@ mod location;
 mod objects;
 mod turn;
 
-pub use location::StoreLocation;
+pub use location::{Clock, StoreLocation};
 pub use turn::Patience;
 
 use crate::pieces;
@@ -32,9 +32,10 @@ use farm_film::{FilmTile, FrameIndex, Tile, WorkUnit};
 use farm_image::{PartialHeader, PartialLimits, decode_partial};
 use farm_job::{Digest, JobId, JobSpec, JobState};
 use farm_scene::SceneId;
+use farm_worker::blocking;
 use location::Objects;
-use object_store::ObjectStoreExt;
 use object_store::path::Path;
+use object_store::{ObjectStore, ObjectStoreExt};
 use objects::{create, get, list, put, root_cause};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -132,7 +133,21 @@ impl Drop for Store {
 impl Store {
     /// Takes a store when no other coordinator has it any more; makes it one if it is none yet.
     pub async fn open(location: &StoreLocation, patience: Patience) -> Result<Self, StoreError> {
-        let objects = Arc::new(Objects::open(location)?);
+        Self::take(Objects::open(location)?, patience).await
+    }
+
+    /// The same, over objects and a clock of the caller's. What is put there is durable when the put returns; the clock
+    /// counts from any moment on, and while the machine sleeps.
+    pub async fn over(
+        objects: Arc<dyn ObjectStore>,
+        clock: Clock,
+        patience: Patience,
+    ) -> Result<Self, StoreError> {
+        Self::take(Objects::over(objects, clock), patience).await
+    }
+
+    async fn take(objects: Objects, patience: Patience) -> Result<Self, StoreError> {
+        let objects = Arc::new(objects);
         let turn = Arc::new(Turn::take(&objects, patience).await?);
         objects.sweep();
         turn.tidy(&objects).await;
@@ -239,9 +254,8 @@ impl Store {
         let names: Vec<String> = self.read_json(&scene_path(scene)).await.ok()??;
         let digests: Vec<Digest> = names.iter().map(|name| name.parse()).collect::<Result<_, _>>().ok()?;
         let snapshot = self.join(&digests, usize::MAX).await.ok()??;
-        let verified =
-            tokio::task::spawn_blocking(move || (SceneId::of(&snapshot) == scene).then_some(snapshot));
-        let snapshot = verified.await.ok()??;
+        let verified = blocking(move || (SceneId::of(&snapshot) == scene).then_some(snapshot));
+        let snapshot = verified.await?;
         *self.latest_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((scene, snapshot.clone()));
         Some(snapshot)
     }
@@ -343,7 +357,7 @@ impl Store {
 
     async fn read_partials(&self, path: Path) -> Result<Vec<(FilmTile, PartialHeader)>, StoreError> {
         let Some(bytes) = get(&*self.objects.durable, &path).await? else { return Ok(Vec::new()) };
-        let decoded = tokio::task::spawn_blocking(move || match path.extension() {
+        let decoded = blocking(move || match path.extension() {
             Some("tar") => {
                 let (files, fault) = batch::unpack(&bytes);
                 if let Some(error) = fault {
@@ -356,7 +370,7 @@ impl Store {
             }
             _ => decode(&path, &bytes).into_iter().collect(),
         });
-        Ok(decoded.await.unwrap_or_default())
+        Ok(decoded.await)
     }
 
     /// Forgets the partials of some tiles, which are rendered again. Those of others stay durable at every moment.

@@ -15,7 +15,6 @@ use super::StoreError;
 use super::location::Objects;
 use object_store::path::Path;
 use object_store::{ObjectStoreExt, PutPayload};
-use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -71,12 +70,6 @@ pub(super) struct Turn {
 fn name(epoch: u64, what: &str) -> Path {
     // Zeros in front, so that names sort as numbers do.
     Path::from(format!("epochs/{epoch:010}.{what}"))
-}
-
-/// Time since the machine started, sleep included.
-fn clock() -> Duration {
-    let time = clock_gettime(ClockId::Boottime);
-    Duration::new(u64::try_from(time.tv_sec).unwrap_or(0), u32::try_from(time.tv_nsec).unwrap_or(0))
 }
 
 impl Turn {
@@ -153,7 +146,7 @@ impl Turn {
     /// Whether the turn lasts, as of a moment ago.
     pub async fn check(&self, objects: &Objects) -> Result<(), StoreError> {
         let seen = Duration::from_nanos(self.seen.load(Ordering::Relaxed));
-        if clock().saturating_sub(seen) < FRESH && self.lost.borrow().is_none() {
+        if (objects.clock)().saturating_sub(seen) < FRESH && self.lost.borrow().is_none() {
             return Ok(());
         }
         self.confirm(objects).await
@@ -161,7 +154,7 @@ impl Turn {
 
     /// Whether the turn lasts still.
     pub async fn confirm(&self, objects: &Objects) -> Result<(), StoreError> {
-        let (looked, next) = (clock(), self.epoch + 1);
+        let (looked, next) = ((objects.clock)(), self.epoch + 1);
         let path = name(next, "json");
         match objects.durable.head(&path).await {
             Err(object_store::Error::NotFound { .. }) => {
@@ -219,7 +212,7 @@ enum Gone {
 
 /// Whether the coordinator of a turn is gone, as soon as it can be told.
 async fn is_gone(objects: &Objects, epoch: u64) -> Result<Gone, StoreError> {
-    let (shown, since) = (beat_of(objects, epoch).await?, clock());
+    let (shown, since) = (beat_of(objects, epoch).await?, (objects.clock)());
     loop {
         let ended = objects.durable.head(&name(epoch, "ended")).await;
         if ended.is_ok() {
@@ -237,7 +230,7 @@ async fn is_gone(objects: &Objects, epoch: u64) -> Result<Gone, StoreError> {
         if beat_of(objects, epoch).await? != shown {
             return Ok(Gone::No);
         }
-        if clock().saturating_sub(since) > SILENT_AFTER {
+        if (objects.clock)().saturating_sub(since) > SILENT_AFTER {
             return Ok(Gone::Yes("it gives no sign of life"));
         }
     }

@@ -1,0 +1,260 @@
+//! A host with a coordinator on it: the real one, on a simulated disk, and someone who watches what it says.
+
+use crate::network::accept;
+use crate::picture::{JOB, PICTURE};
+use crate::store::Disk;
+use crate::world::Story;
+use bytes::Bytes;
+use farm_coordinator::driver;
+use farm_coordinator::farm::Farm;
+use farm_coordinator::serve::{RestoreError, restore, restore_all};
+use farm_coordinator::service::serve_memory;
+use farm_coordinator::store::{Clock, Patience, Store, StoreError, StoredJob, frame_path};
+use farm_film::WorkUnit;
+use farm_image::read_image;
+use farm_job::{Digest, JobState};
+use farm_scheduler::JobStatus;
+use futures::StreamExt;
+use object_store::path::Path;
+use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
+use std::io::Write;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// How often the coordinator is asked how it goes.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// What was seen of the farm, over all lives of the coordinator.
+#[derive(Debug, Default)]
+pub struct Seen {
+    /// Every frame is written.
+    pub done: bool,
+    /// A promise that was broken.
+    pub broken: Option<String>,
+    /// By which the coordinator's clock shall jump.
+    pub clock_jump: Duration,
+    lives: u64,
+    /// Samples that are durable, as the coordinator last said.
+    samples: u128,
+    status: Option<JobStatus>,
+    /// Units that were acknowledged to someone who took note.
+    acknowledged: Vec<WorkUnit>,
+    former: Story,
+    tried_again: u64,
+}
+
+impl Seen {
+    /// A unit was acknowledged; none is twice, nor any part of one.
+    pub fn acknowledged(&mut self, unit: WorkUnit) {
+        let overlaps = |other: &&WorkUnit| {
+            (other.frame, other.tile) == (unit.frame, unit.tile)
+                && (other.block.contains(unit.block) || unit.block.contains(other.block))
+        };
+        if let Some(other) = self.acknowledged.iter().find(overlaps) {
+            self.broken.get_or_insert(format!("{unit} was acknowledged after {other}"));
+        }
+        self.acknowledged.push(unit);
+    }
+
+    fn state(&self) -> Option<JobState> {
+        self.status.as_ref().map(|status| status.state)
+    }
+
+    pub fn story(&self) -> Story {
+        let mut story = self.former;
+        story += self.status.as_ref().map(counted).unwrap_or_default();
+        story.tried_again = self.tried_again;
+        story.restarts = self.lives.saturating_sub(1);
+        story
+    }
+}
+
+fn counted(status: &JobStatus) -> Story {
+    Story {
+        units: status.units_done,
+        duplicates: status.duplicates,
+        failures: status.failures,
+        verified: status.verified,
+        ..Story::default()
+    }
+}
+
+/// The life of a coordinator, from start to crash. One that cannot start is started again, as a service would be.
+pub async fn live(disk: Disk, seen: Arc<Mutex<Seen>>, verify: f64) -> turmoil::Result {
+    loop {
+        match start(&disk, verify).await {
+            Ok((farm, store)) => {
+                tokio::spawn(watch(farm.clone(), store, seen.clone()));
+                accept(serve_memory(farm)).await?;
+            }
+            Err(error) => tracing::info!(%error, "the coordinator cannot start"),
+        }
+        tokio::time::sleep(Duration::from_secs(1)).await;
+    }
+}
+
+async fn start(disk: &Disk, verify: f64) -> Result<(Farm, Arc<Store>), RestoreError> {
+    let store = Arc::new(Store::over(Arc::new(disk.clone()), clock(), Patience::StandBy).await?);
+    let farm = driver::start(Some(store.clone()), verify).expect("a simulated coordinator needs no threads");
+    if store.jobs().await?.is_empty() {
+        let snapshot = Bytes::from(PICTURE.snapshot.clone());
+        store.put_piece(snapshot.clone()).await?;
+        store.put_scene(PICTURE.scene, &[Digest(*blake3::hash(&snapshot).as_bytes())]).await?;
+        store.create_job(JOB, &PICTURE.spec).await?;
+    }
+    restore_all(&farm, &store).await?;
+    Ok((farm, store))
+}
+
+/// The clock of the host on which this runs, which has been up for an hour.
+fn clock() -> Clock {
+    let start = tokio::time::Instant::now();
+    Arc::new(move || Duration::from_secs(3600) + start.elapsed())
+}
+
+/// What `resume` does for a failed job.
+async fn try_again(farm: &Farm, store: &Store) -> Result<(), RestoreError> {
+    let (spec, state) = (PICTURE.spec.clone(), JobState::Running);
+    let record = StoredJob { job: JOB, spec, state, reason: None };
+    store.put_state(&record).await?;
+    restore(farm, store, &record).await
+}
+
+async fn watch(farm: Farm, store: Arc<Store>, seen: Arc<Mutex<Seen>>) {
+    let mut first = true;
+    loop {
+        let Ok(overview) = farm.overview().await else { return };
+        let mut jobs = overview.status.iter().flat_map(|status| &status.jobs);
+        let status = jobs.find(|job| job.job == JOB).cloned();
+        let written = overview.written.get(&JOB).copied().unwrap_or(0);
+        if status.as_ref().is_some_and(|status| status.state == JobState::Failed) {
+            // A unit failed on three workers; or nothing can be stored, then it is tried once more.
+            let _ = try_again(&farm, &store).await;
+            seen.lock().expect("nothing panics in here").tried_again += 1;
+        }
+        let jump = match status {
+            Some(status) => look(&mut seen.lock().expect("nothing panics in here"), status, written, first),
+            None => Duration::ZERO,
+        };
+        first = false;
+        if !jump.is_zero() {
+            tokio::time::advance(jump).await;
+        }
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
+}
+
+/// Compares what the coordinator says with what it said before; by how much its clock is to jump.
+fn look(seen: &mut Seen, status: JobStatus, written: u64, first: bool) -> Duration {
+    if first {
+        if seen.lives > 0 && status.samples_done < seen.samples {
+            let (now, before) = (status.samples_done, seen.samples);
+            seen.broken =
+                Some(format!("{now} samples after a restart and {before} before: something was lost"));
+        }
+        seen.lives += 1;
+        let before = seen.status.take();
+        seen.former += before.as_ref().map(counted).unwrap_or_default();
+    }
+    seen.done = status.state == JobState::Done && written == PICTURE.spec.frames.count();
+    seen.samples = status.samples_done;
+    seen.status = Some(status);
+    std::mem::take(&mut seen.clock_jump)
+}
+
+/// What a lock on a disk tells: whoever had the latest turn is gone.
+pub fn process_is_dead(disk: &Disk) {
+    block_on(async {
+        let epochs: Vec<_> = disk.objects.list(Some(&Path::from("epochs"))).collect().await;
+        let names = epochs.into_iter().flatten().map(|object| object.location.to_string());
+        if let Some(latest) = names.filter_map(|name| Some(name.strip_suffix(".json")?.to_owned())).max() {
+            let _ = disk.objects.put(&Path::from(format!("{latest}.ended")), PutPayload::new()).await;
+        }
+    });
+}
+
+fn block_on<T>(work: impl Future<Output = T>) -> T {
+    tokio::runtime::Builder::new_current_thread()
+        .enable_time()
+        .start_paused(true)
+        .build()
+        .expect("a runtime")
+        .block_on(work)
+}
+
+/// Every frame has the bits of a single process, and each sample once.
+pub fn check_pictures(disk: &Disk) -> Result<(), String> {
+    block_on(async {
+        for (frame, expected) in &PICTURE.expected {
+            let object =
+                disk.objects.get(&frame_path(JOB, *frame)).await.map_err(|error| error.to_string())?;
+            let bytes = object.bytes().await.map_err(|error| error.to_string())?;
+            let mut file = tempfile::Builder::new().suffix(".exr").tempfile().expect("a file");
+            file.write_all(&bytes).expect("a file can be written");
+            let image = read_image(file.path()).map_err(|error| error.to_string())?;
+            let bits = |pixels: &[[f32; 3]]| pixels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
+            if bits(&image.pixels) != bits(expected) {
+                return Err(format!("frame {frame} has other bits than a single process gives it"));
+            }
+            let samples = image.metadata.map(|metadata| metadata.counters.samples);
+            if samples != Some(PICTURE.samples()) {
+                return Err(format!("frame {frame} has {samples:?} samples of {}", PICTURE.samples()));
+            }
+        }
+        Ok(())
+    })
+}
+
+/// What a coordinator finds that starts now: the job's state, its durable samples and its written frames.
+type Found = (JobState, u128, u64);
+
+fn reloaded(disk: &Disk, acknowledged: &[WorkUnit]) -> Result<Found, String> {
+    let fork = Disk::holding(disk.objects.fork());
+    process_is_dead(&fork);
+    block_on(async {
+        let (farm, store) = start(&fork, 0.0).await.map_err(|error| error.to_string())?;
+        if let Some(unit) = missing(&store, acknowledged).await.map_err(|error| error.to_string())? {
+            return Err(format!("{unit} was acknowledged and is not in the store"));
+        }
+        let overview = farm.overview().await.map_err(|error| error.to_string())?;
+        let mut jobs = overview.status.iter().flat_map(|status| &status.jobs);
+        let job = jobs.find(|job| job.job == JOB).ok_or("the job is gone")?;
+        Ok((job.state, job.samples_done, overview.written.get(&JOB).copied().unwrap_or(0)))
+    })
+}
+
+/// The first unit that the store does not hold.
+async fn missing(store: &Store, units: &[WorkUnit]) -> Result<Option<WorkUnit>, StoreError> {
+    let finished = store.finished_frames(JOB).await?;
+    for frame in PICTURE.spec.frames.iter().filter(|frame| !finished.contains(frame)) {
+        let partials = store.partials(JOB, frame).await?;
+        let is_there = |unit: &WorkUnit| {
+            partials.iter().any(|(tile, _)| tile.tile() == unit.tile && tile.block().contains(unit.block))
+        };
+        if let Some(unit) = units.iter().find(|unit| unit.frame == frame && !is_there(unit)) {
+            return Ok(Some(*unit));
+        }
+    }
+    Ok(None)
+}
+
+/// Whatever was acknowledged is in the store.
+pub fn audit(disk: &Disk, seen: &Seen) -> Result<(), String> {
+    // Until there is a job nothing is acknowledged; a failed one is begun again by its owner.
+    let Some(JobState::Running | JobState::Paused | JobState::Done) = seen.state() else { return Ok(()) };
+    let (_, found, _) = reloaded(disk, &seen.acknowledged)?;
+    if found < seen.samples {
+        return Err(format!("{found} samples are in the store, and {} were acknowledged", seen.samples));
+    }
+    Ok(())
+}
+
+/// A coordinator that starts when all is done finds what the one before it knew.
+pub fn check_state(disk: &Disk, seen: &Seen) -> Result<(), String> {
+    let live = (JobState::Done, seen.samples, PICTURE.spec.frames.count());
+    let found = reloaded(disk, &seen.acknowledged)?;
+    if found != live {
+        return Err(format!("a coordinator that starts at the end finds {found:?} instead of {live:?}"));
+    }
+    Ok(())
+}

@@ -1,0 +1,147 @@
+//! What goes wrong, and when: made up from a seed.
+
+use crate::worker::Character;
+use std::time::Duration;
+
+/// Chance from a seed: SplitMix64.
+#[derive(Debug)]
+pub struct Dice(u64);
+
+impl Dice {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub fn roll(&mut self, sides: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)) % sides
+    }
+
+    pub fn percent(&mut self, chance: u64) -> bool {
+        self.roll(100) < chance
+    }
+
+    fn millis(&mut self, up_to: u64) -> Duration {
+        Duration::from_millis(self.roll(up_to))
+    }
+}
+
+/// What goes wrong. Workers are numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// A worker's host dies, and comes back after a while.
+    WorkerDies(usize, Duration),
+    /// A worker is told to leave, and starts again.
+    WorkerLeaves(usize),
+    /// The coordinator's host dies, and comes back.
+    CoordinatorDies(Duration),
+    /// Nothing passes between a worker and the coordinator.
+    Partition(usize, Duration),
+    /// Nothing passes from a worker to the coordinator.
+    Deaf(usize, Duration),
+    /// Nothing passes from the coordinator to a worker.
+    Mute(usize, Duration),
+    /// Everything between a worker and the coordinator is held back, and comes all at once.
+    Hold(usize, Duration),
+    /// A line becomes slow.
+    Slow(usize, Duration),
+    /// Nothing can be stored.
+    StoreFull(Duration),
+    /// What is stored takes its time.
+    StoreSlow(Duration),
+    /// What is stored is reported as failed nevertheless.
+    StoreDenies(Duration),
+    /// The coordinator's clock jumps ahead, as after a sleep.
+    ClockJumps(Duration),
+    /// Nothing is wrong, but somebody looks whether the store holds all that was acknowledged.
+    Audit,
+}
+
+/// One farm's fate.
+#[derive(Debug)]
+pub struct Plan {
+    pub workers: Vec<Character>,
+    pub verify: f64,
+    /// Whether there is somebody who notes what is acknowledged, and repeats what the workers say.
+    pub witness: bool,
+    /// Whether the store is a bucket, where a coordinator that died is missed only after a while.
+    pub bucket: bool,
+    /// By the moment at which they begin.
+    pub faults: Vec<(Duration, Fault)>,
+    /// Longest time of a message on its way.
+    pub latency_max: Duration,
+}
+
+/// Faults begin within this time.
+pub const TROUBLE: Duration = Duration::from_secs(20);
+
+impl Plan {
+    pub fn new(dice: &mut Dice) -> Self {
+        let count = 2 + dice.roll(4) as usize;
+        // One who lies can only be told from two others.
+        let liar = (count >= 4 && dice.percent(40)).then(|| dice.roll(count as u64) as usize);
+        let workers = (0..count).map(|index| character(dice, index, liar == Some(index))).collect();
+        let verify = match liar {
+            Some(_) => 1.0,
+            None if dice.percent(30) => 0.3,
+            None => 0.0,
+        };
+        // What a liar says must not come from two.
+        let witness = liar.is_none() && dice.percent(60);
+        let bucket = dice.percent(30);
+        let mut faults: Vec<_> = (0..dice.roll(12))
+            .map(|_| (dice.millis(TROUBLE.as_millis() as u64), fault(dice, count, liar.is_some())))
+            .collect();
+        faults.sort_by_key(|(at, _)| *at);
+        Self {
+            workers,
+            verify,
+            witness,
+            bucket,
+            faults,
+            latency_max: Duration::from_millis(2 + dice.roll(100)),
+        }
+    }
+}
+
+fn character(dice: &mut Dice, index: usize, lies: bool) -> Character {
+    let (garbage, fails, dawdles) = (vice(dice, 25, 30), vice(dice, 25, 20), vice(dice, 30, 30));
+    Character {
+        name: format!("worker-{index}"),
+        slots: 1 + dice.roll(3) as usize,
+        pace_ms: 300 + dice.roll(2500),
+        garbage,
+        fails,
+        dawdles,
+        lies,
+    }
+}
+
+fn vice(dice: &mut Dice, chance: u64, most: u64) -> u64 {
+    if dice.percent(chance) { dice.roll(most) } else { 0 }
+}
+
+fn fault(dice: &mut Dice, workers: usize, has_liar: bool) -> Fault {
+    let worker = dice.roll(workers as u64) as usize;
+    let (short, long) = (dice.millis(4_000), dice.millis(15_000));
+    match dice.roll(16) {
+        0 | 1 => Fault::WorkerDies(worker, short),
+        2 => Fault::WorkerLeaves(worker),
+        // Who delivered what is forgotten with the coordinator: a liar's work from before is believed.
+        3 | 4 if !has_liar => Fault::CoordinatorDies(short),
+        5 => Fault::Partition(worker, long),
+        6 => Fault::Deaf(worker, long),
+        7 => Fault::Mute(worker, long),
+        8 => Fault::Hold(worker, short),
+        9 => Fault::Slow(worker, long),
+        10 => Fault::StoreFull(short),
+        11 => Fault::StoreSlow(long),
+        12 => Fault::StoreDenies(short),
+        // What a liar delivered is taken out of the store again.
+        13 | 14 if !has_liar => Fault::Audit,
+        _ => Fault::ClockJumps(Duration::from_secs(2) + long),
+    }
+}
