@@ -148,6 +148,12 @@ impl Client {
         JobView::try_from(answer.into_inner()).map_err(nonsense)
     }
 
+    /// Removes a job that has ended, with its frames.
+    pub async fn forget(&mut self, job: JobId) -> Result<(), Fault> {
+        self.control.forget(v1::JobRequest { job: job.0 }).await.map_err(fault)?;
+        Ok(())
+    }
+
     /// Everybody who is connected.
     pub async fn workers(&mut self) -> Result<Vec<WorkerView>, Fault> {
         let workers = self.control.workers(v1::WorkersRequest {}).await.map_err(fault)?.into_inner().workers;

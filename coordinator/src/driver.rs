@@ -9,7 +9,7 @@ use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission
 use crate::keeper::Keeper;
 use crate::outputs::{self, Outputs};
 use crate::registry::Registry;
-use crate::store::{Store, StoreError, StoredJob};
+use crate::store::{Fate, Store, StoreError};
 use crate::tally::Tally;
 use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
@@ -151,6 +151,11 @@ impl Driver {
             Input::Submit(submission) => self.submit(*submission).await,
             Input::Order { job, order, reply } => {
                 let _ = reply.send(self.order(job, order).await);
+            }
+            Input::Forget { job, done } => {
+                self.jobs.remove(&job);
+                self.handle(Event::JobForgotten { job });
+                self.discard(job, done);
             }
             Input::Drain { worker, reply } => {
                 let _ = reply.send(self.workers.contains_key(&worker));
@@ -324,8 +329,16 @@ impl Driver {
         if order == JobOrder::Cancel {
             self.clocks.end_job(id);
             let _ = self.assembly.send(Task::Close(id)).await;
+            self.discard(id, oneshot::channel().0);
         }
         true
+    }
+
+    /// Removes what is kept of a job that needs nothing more, and says so.
+    fn discard(&self, job: JobId, done: oneshot::Sender<()>) {
+        if let Some(keeper) = &self.keeper {
+            keeper.discard(job, done);
+        }
     }
 
     fn overview(&self) -> Overview {
@@ -362,11 +375,11 @@ impl Driver {
     }
 
     /// Keeps that a job has failed.
-    fn record(&self, record: StoredJob) {
+    fn record(&self, job: JobId, fate: Fate) {
         let Some(store) = self.store.clone() else { return };
         let reports = self.reports.clone();
         tokio::spawn(async move {
-            while let Err(error) = store.put_state(&record).await {
+            while let Err(error) = store.put_fate(job, &fate).await {
                 if matches!(error, StoreError::TurnOver(_)) {
                     return;
                 }
@@ -443,8 +456,8 @@ impl Driver {
                 self.clocks.end_job(job);
                 let _ = self.assembly.send(Task::Close(job)).await;
                 if let Some(known) = self.jobs.get(&job) {
-                    let (spec, state) = (known.spec.clone(), JobState::Failed);
-                    self.record(StoredJob { job, spec, state, reason: Some(fault.to_string()) });
+                    let (state, priority) = (JobState::Failed, known.spec.priority);
+                    self.record(job, Fate { state, reason: Some(fault.to_string()), priority });
                 }
                 self.tell_listener(job, JobEvent::Failed(fault.to_string()));
             }

@@ -35,6 +35,8 @@ pub(crate) enum Input {
     Submit(Box<Submission>),
     /// Its owner has decided something.
     Order { job: JobId, order: JobOrder, reply: oneshot::Sender<bool> },
+    /// Forget a job that has ended; answered when nothing more of it is on its way to the store.
+    Forget { job: JobId, done: oneshot::Sender<()> },
     /// Let a worker finish what it holds and leave; whether it is known.
     Drain { worker: WorkerId, reply: oneshot::Sender<bool> },
     /// How things are.
@@ -178,6 +180,14 @@ impl Farm {
         let (reply, done) = oneshot::channel();
         self.tell(Input::Order { job, order, reply }).await?;
         done.await.map_err(|_| Ending)
+    }
+
+    /// Forgets a job that has ended. From then on nothing of it goes to the store.
+    pub async fn forget(&self, job: JobId) -> Result<(), Ending> {
+        self.registry.remove_job(job);
+        let (done, gone) = oneshot::channel();
+        self.tell(Input::Forget { job, done }).await?;
+        gone.await.map_err(|_| Ending)
     }
 
     /// Lets a worker finish what it holds and leave; whether it is known.

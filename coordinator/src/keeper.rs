@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 
 /// Results in one object at most, and their bytes: what is lost when one object is damaged, and has to be held in memory
@@ -26,6 +26,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(1);
 enum Order {
     Keep(Box<Claimed>),
     Reopen(JobId, FrameIndex, Vec<Tile>),
+    Discard(JobId, oneshot::Sender<()>),
 }
 
 /// Takes results that are to be kept.
@@ -73,6 +74,11 @@ impl Keeper {
     pub fn reopen(&self, job: JobId, frame: FrameIndex, tiles: Vec<Tile>) {
         let _ = self.inbox.send(Order::Reopen(job, frame, tiles));
     }
+
+    /// Forgets all results of a job that was given up or forgotten; says when they are gone.
+    pub fn discard(&self, job: JobId, done: oneshot::Sender<()>) {
+        let _ = self.inbox.send(Order::Discard(job, done));
+    }
 }
 
 /// Results of one frame go together.
@@ -118,15 +124,25 @@ impl Desk {
         match order {
             Order::Keep(claimed) => self.file(*claimed),
             Order::Reopen(job, frame, tiles) => {
-                // What came before must be there, so that it goes, too.
-                self.begin_puts(puts);
-                while let Some(Ok(ended)) = puts.join_next().await {
-                    self.ended(ended).await;
-                    self.begin_puts(puts);
-                }
+                self.catch_up(puts).await;
                 self.remove_tiles(job, frame, &tiles).await;
                 let _ = self.assembly.send(Task::Reopen(job, frame, tiles)).await;
             }
+            Order::Discard(job, done) => {
+                self.drop_waiting(job);
+                self.catch_up(puts).await;
+                self.store.remove_all_partials(job).await;
+                let _ = done.send(());
+            }
+        }
+    }
+
+    /// What came before must be there, so that it goes, too.
+    async fn catch_up(&mut self, puts: &mut JoinSet<Ended>) {
+        self.begin_puts(puts);
+        while let Some(Ok(ended)) = puts.join_next().await {
+            self.ended(ended).await;
+            self.begin_puts(puts);
         }
     }
 
@@ -157,6 +173,18 @@ impl Desk {
     fn works(&mut self) {
         if std::mem::take(&mut self.fails) {
             let _ = self.reports.send(Report::Store(StorePart::Partials, Ok(())));
+        }
+    }
+
+    /// Keeps nothing more of a job that has ended.
+    fn drop_waiting(&mut self, job: JobId) {
+        self.turns.retain(|key| key.0 != job);
+        let frames: Vec<Key> = self.waiting.keys().filter(|key| key.0 == job).copied().collect();
+        for Claimed { delivery, partial_exr, .. } in
+            frames.iter().filter_map(|key| self.waiting.remove(key)).flatten()
+        {
+            self.waiting_bytes.fetch_sub(partial_exr.len(), Ordering::Relaxed);
+            let _ = self.reports.send(Report::Refused { delivery, reason: "its job has ended".to_owned() });
         }
     }
 

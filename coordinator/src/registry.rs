@@ -25,6 +25,11 @@ impl Registry {
         self.jobs.read().unwrap_or_else(PoisonError::into_inner).get(&job).cloned()
     }
 
+    /// Makes a job unknown.
+    pub fn remove_job(&self, job: JobId) {
+        self.jobs.write().unwrap_or_else(PoisonError::into_inner).remove(&job);
+    }
+
     /// Makes a scene known by its snapshot.
     pub fn put_scene(&self, scene: SceneId, snapshot: impl Into<Bytes>) {
         self.scenes.write().unwrap_or_else(PoisonError::into_inner).insert(scene, snapshot.into());

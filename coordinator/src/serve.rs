@@ -5,7 +5,7 @@ use crate::cli::{Doors, announce};
 use crate::driver;
 use crate::farm::{Ending, Farm, JobOrder, Submission};
 use crate::outputs::Outputs;
-use crate::service::{ControlService, Listener};
+use crate::service::{ControlService, Listener, UploadLimits};
 use crate::signals::Signals;
 use crate::store::{Patience, Store, StoreError, StoreLocation, StoredJob};
 use farm_film::{Counters, FilmTile, FrameIndex};
@@ -22,6 +22,7 @@ pub async fn serve(
     location: &StoreLocation,
     patience: Patience,
     verify: f64,
+    uploads: UploadLimits,
 ) -> Result<(), Fault> {
     let mut signals = Signals::listen()?;
     let store = tokio::select! {
@@ -30,7 +31,7 @@ pub async fn serve(
     };
     let mut lost = store.lost();
     let served = tokio::select! {
-        served = serve_from(doors, store.clone(), verify, &mut signals) => served,
+        served = serve_from(doors, store.clone(), verify, uploads, &mut signals) => served,
         Ok(by) = lost.wait_for(Option::is_some) => {
             let by = by.clone().unwrap_or_default();
             // Nothing more may be said to anyone: what is under way ends with the process.
@@ -45,6 +46,7 @@ async fn serve_from(
     doors: &Doors,
     store: Arc<Store>,
     verify: f64,
+    uploads: UploadLimits,
     signals: &mut Signals,
 ) -> Result<(), Fault> {
     let listener = Listener::bind(doors).await?;
@@ -53,7 +55,7 @@ async fn serve_from(
     let jobs = restore_all(&farm, &store).await.map_err(Fault::failed)?;
     eprintln!("listening on {}", listener.address());
     announce(&doors.security, listener.address())?;
-    listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs)))?;
+    listener.serve(farm.clone(), Some(ControlService::new(farm, store, jobs, uploads)))?;
     signals.next().await;
     info!("stopping; everything acknowledged is kept");
     Ok(())
@@ -83,7 +85,12 @@ pub async fn restore_all(farm: &Farm, store: &Store) -> Result<Vec<StoredJob>, R
 pub async fn restore(farm: &Farm, store: &Store, record: &StoredJob) -> Result<(), RestoreError> {
     match record.state {
         JobState::Running | JobState::Paused | JobState::Done => {}
-        JobState::Failed | JobState::Cancelled => return Ok(()),
+        JobState::Failed => return Ok(()),
+        JobState::Cancelled => {
+            // Whatever the end of the former life left behind.
+            store.remove_all_partials(record.job).await;
+            return Ok(());
+        }
     }
     let submission = submission(store, record).await?;
     let partials: usize = submission.durable.iter().map(|(_, partials)| partials.len()).sum();

@@ -17,6 +17,7 @@ pub async fn job(farm: &Farm, record: &StoredJob, overview: &Overview) -> Result
     let mut view = JobView {
         job: record.job,
         spec: record.spec.clone(),
+        owner: record.owner.map(|owner| owner.to_string()).unwrap_or_default(),
         state: record.state,
         reason: record.reason.clone().unwrap_or_default(),
         samples_done: 0,
@@ -95,6 +96,9 @@ pub fn workers(overview: &Overview) -> Vec<WorkerView> {
 }
 
 fn state(status: &WorkerStatus) -> String {
+    if status.distrusted {
+        return "distrusted: it delivered wrong results".to_owned();
+    }
     match (status.quarantined_for, status.draining, status.in_flight) {
         (Some(time), _, _) => format!("in quarantine for {} s", time.as_secs()),
         (None, true, _) => "draining".to_owned(),

@@ -6,6 +6,7 @@ use crate::server::{PICTURE, Server};
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use s3s::auth::SimpleAuth;
 use s3s::service::S3ServiceBuilder;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -68,6 +69,23 @@ impl Bucket {
     }
 }
 
+/// How many objects there are in folders of a name, wherever they are.
+fn objects(within: &Path, folder: &str) -> usize {
+    let entries = std::fs::read_dir(within).into_iter().flatten().flatten().map(|entry| entry.path());
+    let one = |path: PathBuf| match (path.is_dir(), path.ends_with(folder)) {
+        (true, true) => files(&path),
+        (true, false) => objects(&path, folder),
+        (false, _) => 0,
+    };
+    entries.map(one).sum()
+}
+
+/// How many files there are in a folder and below.
+fn files(folder: &Path) -> usize {
+    let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    paths.map(|path| if path.is_dir() { files(&path) } else { 1 }).sum()
+}
+
 #[test]
 fn a_bucket_keeps_a_farm() {
     let place = Place::new();
@@ -103,7 +121,17 @@ fn a_bucket_keeps_a_farm() {
     // One that leaves of its own accord need not be waited for.
     second.running.terminate();
     assert!(second.running.wait().status.success());
-    let third = Server::once_it_listens(Running::start(bucket.command(&address)));
+    let mut command = bucket.command(&address);
+    command.args(["--keep-uploads", "1s"]);
+    let mut third = Server::once_it_listens(Running::start(command));
     assert!(third.running.stderr().contains("it has ended"), "{}", third.running.stderr());
     assert_eq!(third.status(&job)["state"], "done");
+
+    // What nobody needs any more goes from a bucket, too.
+    let objects = |kind: &str| objects(&place.path("buckets"), kind);
+    assert_eq!((objects("partials"), objects("frames"), objects("scenes")), (0, 1, 1));
+    assert!(third.ask(&["forget", &job]).status.success());
+    assert_eq!((objects("frames"), objects("state")), (0, 0));
+    third.running.wait_for("a line in the log", |said| said.contains("no job refers to them").then_some(()));
+    assert_eq!((objects("scenes"), objects("pieces")), (0, 0));
 }

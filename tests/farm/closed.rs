@@ -23,18 +23,19 @@ pub struct Closed {
 
 impl Closed {
     pub fn start() -> Self {
+        Self::start_with(&[])
+    }
+
+    pub fn start_with(flags: &[&str]) -> Self {
         let place = Place::new();
-        let mut command = coordinator();
-        command.args(["serve", "--listen", "127.0.0.1:0", "--tls", "--store"]).arg(place.path("store"));
-        command.arg("--trust").arg(place.path("trust"));
-        let mut running = Running::start(command);
-        let address = running.wait_for("an address", |said| {
-            let line = said.lines().find(|line| line.starts_with("listening on "))?;
-            Some(line["listening on ".len()..].to_owned())
-        });
-        // What follows is written once the port is known.
-        running.wait_for("the authority", |said| said.contains("coordinator token create").then_some(()));
+        let (running, address) = serve(&place, "127.0.0.1:0", flags);
         Self { place, running, address }
+    }
+
+    /// Kills the coordinator and starts it again at the same address.
+    pub fn restart(&mut self) {
+        self.running.kill();
+        self.running = serve(&self.place, &self.address, &[]).0;
     }
 
     /// The authority in its folder, as an administrator of the host sees it.
@@ -50,21 +51,37 @@ impl Closed {
         self.authority().tokens().create(role, SystemTime::now(), HOUR, uses).unwrap()
     }
 
-    /// An identity with a certificate of the role, and the file that it is in.
+    /// An identity with a certificate of the role, and the file that it is in; always the same one.
     pub fn identity(&self, role: Role) -> (Identity, PathBuf) {
+        self.identity_of(role, role.name())
+    }
+
+    /// Somebody's identity, made when it is first needed.
+    fn identity_of(&self, role: Role, name: &str) -> (Identity, PathBuf) {
+        let path = self.place.path(&format!("{name}.pem"));
+        if let Some(identity) = Identity::load(&path).unwrap() {
+            return (identity, path);
+        }
         let authority = self.authority();
         let request = Identity::request().unwrap();
         let certificate = authority.certify(request.der(), role, self.token(role, None).id).unwrap();
         let identity = request.answered(certificate, authority.certificate().clone());
-        let path = self.place.path(&format!("{role}.pem"));
         identity.save(&path).unwrap();
         (identity, path)
     }
 
     /// The coordinator's own program as a client with an identity of the role.
     pub fn ask(&self, role: Role, what: &[&str]) -> Said {
+        self.ask_as(role, role.name(), what)
+    }
+
+    /// The same for one of several with the role.
+    pub fn ask_as(&self, role: Role, name: &str, what: &[&str]) -> Said {
         let mut command = coordinator();
-        command.args(what).args(["--to", &self.address, "--json", "--identity"]).arg(self.identity(role).1);
+        command
+            .args(what)
+            .args(["--to", &self.address, "--json", "--identity"])
+            .arg(self.identity_of(role, name).1);
         run(command)
     }
 
@@ -97,6 +114,21 @@ impl Closed {
     pub async fn line(&self, config: ClientConfig) -> std::io::Result<TlsStream<TcpStream>> {
         handshake(&self.address, Arc::new(config)).await
     }
+}
+
+/// A coordinator over TLS in the test's folder, and its address.
+fn serve(place: &Place, listen: &str, flags: &[&str]) -> (Running, String) {
+    let mut command = coordinator();
+    command.args(["serve", "--listen", listen, "--tls", "--store"]).arg(place.path("store"));
+    command.arg("--trust").arg(place.path("trust")).args(flags);
+    let mut running = Running::start(command);
+    let address = running.wait_for("an address", |said| {
+        let line = said.lines().find(|line| line.starts_with("listening on "))?;
+        Some(line["listening on ".len()..].to_owned())
+    });
+    // What follows is written once the port is known.
+    running.wait_for("the authority", |said| said.contains("coordinator token create").then_some(()));
+    (running, address)
 }
 
 async fn handshake(address: &str, config: Arc<ClientConfig>) -> std::io::Result<TlsStream<TcpStream>> {

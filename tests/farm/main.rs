@@ -9,6 +9,7 @@ mod error;
 mod harness;
 mod impostors;
 mod intruders;
+mod owners;
 mod same_bits;
 mod server;
 mod serving;

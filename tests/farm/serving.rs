@@ -66,6 +66,42 @@ fn a_worker_is_sent_home() {
 }
 
 #[test]
+fn ordinary_tools_find_out_what_is_served_and_whether_it_is_well() {
+    use tonic_health::pb::{
+        HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient,
+    };
+    use tonic_reflection::pb::v1::ServerReflectionRequest;
+    use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+    use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+    use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+    let place = Place::new();
+    let server = Server::start(&place, "127.0.0.1:0");
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let channel = tonic::transport::Endpoint::from_shared(format!("http://{}", server.address)).unwrap();
+        let channel = channel.connect().await.unwrap();
+        for service in ["", "farm.v1.Farm", "farm.v1.Control"] {
+            let request = HealthCheckRequest { service: service.to_owned() };
+            let answer = HealthClient::new(channel.clone()).check(request).await.unwrap().into_inner();
+            assert_eq!(answer.status(), ServingStatus::Serving, "{service}");
+        }
+        let list = MessageRequest::ListServices(String::new());
+        let request = ServerReflectionRequest { host: String::new(), message_request: Some(list) };
+        let mut answers = ServerReflectionClient::new(channel)
+            .server_reflection_info(tokio_stream::iter([request]))
+            .await
+            .unwrap()
+            .into_inner();
+        let answer = answers.message().await.unwrap().unwrap().message_response;
+        let Some(MessageResponse::ListServicesResponse(list)) = answer else { panic!("{answer:?}") };
+        let names: Vec<&str> = list.service.iter().map(|service| service.name.as_str()).collect();
+        for service in ["farm.v1.Farm", "farm.v1.Control", "grpc.health.v1.Health"] {
+            assert!(names.contains(&service), "{service} in {names:?}");
+        }
+    });
+}
+
+#[test]
 fn what_the_store_has_is_not_sent_again() {
     let place = Place::new();
     let server = Server::start(&place, "127.0.0.1:0");

@@ -100,7 +100,7 @@ async fn start(disk: &Disk, verify: f64) -> Result<(Farm, Arc<Store>), RestoreEr
         let snapshot = Bytes::from(PICTURE.snapshot.clone());
         store.put_piece(snapshot.clone()).await?;
         store.put_scene(PICTURE.scene, &[Digest(*blake3::hash(&snapshot).as_bytes())]).await?;
-        store.create_job(JOB, &PICTURE.spec).await?;
+        assert_eq!(store.create_job(&PICTURE.spec, None).await?, JOB, "it is the first");
     }
     restore_all(&farm, &store).await?;
     Ok((farm, store))
@@ -115,8 +115,8 @@ fn clock() -> Clock {
 /// What `resume` does for a failed job.
 async fn try_again(farm: &Farm, store: &Store) -> Result<(), RestoreError> {
     let (spec, state) = (PICTURE.spec.clone(), JobState::Running);
-    let record = StoredJob { job: JOB, spec, state, reason: None };
-    store.put_state(&record).await?;
+    let record = StoredJob { job: JOB, spec, owner: None, state, reason: None };
+    store.put_fate(JOB, &record.fate()).await?;
     restore(farm, store, &record).await
 }
 

@@ -54,6 +54,11 @@ pub enum Event {
         /// Which one.
         job: JobId,
     },
+    /// Forget a job that has ended.
+    JobForgotten {
+        /// Which one.
+        job: JobId,
+    },
     /// Jobs of higher priority go first.
     PriorityChanged {
         /// Which one.

@@ -99,10 +99,12 @@ impl Scheduler {
                 self.note_rejected(given_up, name);
             }
         }
-        if let Some(job) = self.jobs.get_mut(delivery.job) {
-            job.failures += 1;
+        let Some(job) = self.jobs.get_mut(delivery.job) else { return };
+        job.failures += 1;
+        // What came too late is nobody's fault.
+        if !job.state.is_final() {
+            self.blame(delivery.worker, delivery.job, false, reason);
         }
-        self.blame(delivery.worker, delivery.job, false, reason);
     }
 
     pub(crate) fn unit_failed(&mut self, id: WorkerId, lease: LeaseId, reason: String) {

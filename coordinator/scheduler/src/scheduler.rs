@@ -63,6 +63,7 @@ impl Scheduler {
             Event::JobResumed { job } => self.set_state(job, JobState::Paused, JobState::Running),
             Event::JobCancelled { job } => self.job_cancelled(job),
             Event::JobRequeued { job } => self.job_requeued(job),
+            Event::JobForgotten { job } => self.job_forgotten(job),
             Event::PriorityChanged { job, priority } => self.jobs.set_priority(job, priority),
             Event::FrameTruncated { job, frame, spp } => {
                 self.truncate(job, frame, spp);
@@ -167,6 +168,13 @@ impl Scheduler {
         job.held.clear();
         self.revoke(leases);
         self.end_job(id);
+    }
+
+    fn job_forgotten(&mut self, id: JobId) {
+        if self.jobs.get(id).is_some_and(|job| job.state.is_final()) {
+            self.forget_claims(id);
+            self.jobs.by_id.remove(&id);
+        }
     }
 
     fn job_requeued(&mut self, id: JobId) {

@@ -64,6 +64,21 @@ pub struct PriorityArgs {
     connect: ConnectArgs,
 }
 
+/// Remove jobs that have ended, with their frames
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Their numbers are not used again. Scenes that no other job refers to go as well, some time later (serve --keep-uploads).
+
+Examples:
+  coordinator fetch 3 -o fox.####.exr && coordinator forget 3")]
+pub struct ForgetArgs {
+    /// Numbers of the jobs
+    #[arg(required = true)]
+    jobs: Vec<u64>,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
 /// Let a worker finish what it holds and leave
 #[derive(Clone, Debug, clap::Args)]
 pub struct DrainArgs {
@@ -141,6 +156,17 @@ pub fn priority(args: &PriorityArgs) -> Result<(), Fault> {
     super::block_on(async {
         let mut client = args.connect.client().await?;
         show(&client.set_priority(JobId(args.job), args.priority).await?, args.connect.json)
+    })
+}
+
+/// Removes jobs, one after the other.
+pub fn forget(args: &ForgetArgs) -> Result<(), Fault> {
+    super::block_on(async {
+        let mut client = args.connect.client().await?;
+        for job in &args.jobs {
+            client.forget(JobId(*job)).await?;
+        }
+        Ok(())
     })
 }
 
@@ -226,6 +252,7 @@ pub fn job_json(view: &JobView) -> Value {
     json!({
         "job": view.job,
         "spec": view.spec,
+        "owner": view.owner,
         "state": view.state,
         "reason": view.reason,
         "samples_done": view.samples_done,

@@ -56,8 +56,10 @@ enum Command {
     /// Give out nothing more of a job for now
     Pause(jobs::JobArgs),
     /// Go on with a paused job, or try a failed one again
+    #[command(visible_alias = "requeue")]
     Resume(jobs::JobArgs),
     Priority(jobs::PriorityArgs),
+    Forget(jobs::ForgetArgs),
     /// Show who is connected
     Workers(jobs::ConnectArgs),
     Drain(jobs::DrainArgs),
@@ -90,6 +92,7 @@ impl Settings {
             Command::Pause(args) => jobs::decide(&args, Decision::Pause),
             Command::Resume(args) => jobs::decide(&args, Decision::Resume),
             Command::Priority(args) => jobs::priority(&args),
+            Command::Forget(args) => jobs::forget(&args),
             Command::Workers(args) => jobs::workers(&args),
             Command::Drain(args) => jobs::drain(&args),
             Command::Fetch(args) => jobs::fetch(&args),

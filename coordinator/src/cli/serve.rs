@@ -3,9 +3,11 @@
 use super::listen::SecurityArgs;
 use super::work::part;
 use crate::serve::serve;
+use crate::service::UploadLimits;
 use crate::store::{Patience, StoreLocation};
-use farm_worker::cli::Fault;
+use farm_worker::cli::{Fault, bytes, duration};
 use std::net::SocketAddr;
+use std::time::Duration;
 
 /// Serve jobs that are submitted, and the workers that render them, until stopped
 #[derive(Clone, Debug, clap::Args)]
@@ -36,6 +38,13 @@ pub struct ServeArgs {
     /// wrong; that worker gets nothing any more, and what it delivered is rendered again
     #[arg(long, env = "FARM_VERIFY", value_name = "PART", default_value = "0", value_parser = part)]
     verify: f64,
+    /// Bytes of scenes that a submitter may bring within an hour; admins may bring more: 500M, 64G
+    #[arg(long, env = "FARM_UPLOAD_QUOTA", value_name = "SIZE", default_value = "64G", value_parser = bytes)]
+    upload_quota: u64,
+    /// Scenes that no job refers to, and what was brought of unfinished ones, are forgotten when nobody has asked for them for
+    /// this long
+    #[arg(long, env = "FARM_KEEP_UPLOADS", value_name = "TIME", default_value = "1h", value_parser = duration)]
+    keep_uploads: Duration,
     #[command(flatten)]
     security: SecurityArgs,
 }
@@ -44,5 +53,6 @@ pub struct ServeArgs {
 pub fn run(args: &ServeArgs) -> Result<(), Fault> {
     let patience = if args.standby { Patience::StandBy } else { Patience::Leave };
     let doors = args.security.doors(args.listen)?;
-    super::block_on(serve(&doors, &args.store, patience, args.verify))
+    let uploads = UploadLimits { quota: args.upload_quota, keep: args.keep_uploads };
+    super::block_on(serve(&doors, &args.store, patience, args.verify, uploads))
 }

@@ -1,5 +1,7 @@
 //! What people and scripts call.
 
+use super::policy::Peer;
+use super::uploads::{UploadError, UploadLimits, Uploads};
 use crate::cli::check_tile;
 use crate::farm::{Farm, JobOrder, Submission};
 use crate::outputs::Outputs;
@@ -20,6 +22,7 @@ use std::time::Duration;
 use tokio_stream::Stream;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
+use tracing::{info, warn};
 
 /// Largest scene that may be brought: it is held in memory while it is checked.
 const UPLOAD_BYTES_MAX: usize = 4 << 30;
@@ -36,6 +39,9 @@ pub struct ControlService {
     store: Arc<Store>,
     /// Every job ever submitted, as it is kept.
     jobs: Arc<Mutex<BTreeMap<JobId, StoredJob>>>,
+    uploads: Arc<Uploads>,
+    /// Held while it is decided about a job: what is kept and what is done must be the same.
+    deciding: tokio::sync::Mutex<()>,
 }
 
 type Answers<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
@@ -52,6 +58,13 @@ fn not_stored(error: StoreError) -> Status {
     Status::unavailable(error.to_string())
 }
 
+fn not_brought(error: UploadError) -> Status {
+    match error {
+        UploadError::Store(error) => not_stored(error),
+        UploadError::Quota(exceeded) => Status::resource_exhausted(exceeded.to_string()),
+    }
+}
+
 /// Runs what takes its time away from the threads that answer messages.
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, Status> + Send + 'static,
@@ -61,9 +74,16 @@ async fn blocking<T: Send + 'static>(
 
 impl ControlService {
     /// For a farm with a store, which holds `jobs`.
-    pub fn new(farm: Farm, store: Arc<Store>, jobs: Vec<StoredJob>) -> Self {
+    pub fn new(farm: Farm, store: Arc<Store>, jobs: Vec<StoredJob>, limits: UploadLimits) -> Self {
         let jobs = jobs.into_iter().map(|job| (job.job, job)).collect();
-        Self { farm, store, jobs: Arc::new(Mutex::new(jobs)) }
+        let jobs: Arc<Mutex<BTreeMap<JobId, StoredJob>>> = Arc::new(Mutex::new(jobs));
+        let uploads = Arc::new(Uploads::new(store.clone(), limits));
+        let known = jobs.clone();
+        tokio::spawn(uploads.clone().sweep_for_ever(move || {
+            let jobs = known.lock().unwrap_or_else(PoisonError::into_inner);
+            jobs.values().map(|job| job.spec.scene).collect()
+        }));
+        Self { farm, store, jobs, uploads, deciding: tokio::sync::Mutex::default() }
     }
 
     fn record(&self, job: JobId) -> Result<StoredJob, Status> {
@@ -71,8 +91,22 @@ impl ControlService {
         jobs.get(&job).cloned().ok_or_else(|| no_job(job))
     }
 
+    /// A job that its caller may change and fetch.
+    fn own<T>(&self, request: &Request<T>, job: JobId) -> Result<StoredJob, Status> {
+        let (peer, record) = (Peer::of(request)?, self.record(job)?);
+        if peer.standing.may_touch(record.owner) {
+            return Ok(record);
+        }
+        let whose = record.owner.map_or("nobody's".to_owned(), |owner| format!("that of token {owner}"));
+        let reason = format!(
+            "job {job} is {whose}: only its owner and admins may change, fetch and forget it; its status is for everybody"
+        );
+        warn!(peer = %peer.address, reason, "call refused");
+        Err(Status::permission_denied(reason))
+    }
+
     async fn keep(&self, job: StoredJob) -> Result<(), Status> {
-        self.store.put_state(&job).await.map_err(not_stored)?;
+        self.store.put_fate(job.job, &job.fate()).await.map_err(not_stored)?;
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(job.job, job);
         Ok(())
     }
@@ -84,20 +118,25 @@ impl ControlService {
     }
 
     /// Keeps what the owner decided, then does it.
-    async fn decide(
+    async fn decide<T>(
         &self,
+        request: &Request<T>,
         job: JobId,
         order: JobOrder,
         change: impl FnOnce(&mut StoredJob),
     ) -> Result<Response<v1::JobStatus>, Status> {
+        let _deciding = self.deciding.lock().await;
+        let mut record = self.own(request, job)?;
         let view = self.view(job).await?;
+        if order == JobOrder::Resume && view.state == JobState::Failed {
+            return self.try_again(record).await;
+        }
         if view.state.is_final() {
             return Err(Status::failed_precondition(format!(
                 "job {job} is {}: nothing can be changed",
                 view.state
             )));
         }
-        let mut record = self.record(job)?;
         change(&mut record);
         self.keep(record).await?;
         if !self.farm.order(job, order).await.map_err(ending)? {
@@ -107,26 +146,14 @@ impl ControlService {
     }
 
     /// Goes on with a failed job from what is kept of it, as after a restart.
-    async fn try_again(&self, job: JobId) -> Result<Response<v1::JobStatus>, Status> {
-        let record = StoredJob { state: JobState::Running, reason: None, ..self.record(job)? };
+    async fn try_again(&self, record: StoredJob) -> Result<Response<v1::JobStatus>, Status> {
+        let record = StoredJob { state: JobState::Running, reason: None, ..record };
         self.keep(record.clone()).await?;
         restore(&self.farm, &self.store, &record)
             .await
             .map_err(|err| Status::unavailable(err.to_string()))?;
-        self.farm.chronicle.note(Some(job), "tried again");
-        Ok(Response::new(self.view(job).await?.into()))
-    }
-
-    /// The next number, kept before it is used.
-    async fn new_job(&self, spec: JobSpec) -> Result<JobId, Status> {
-        let known = || self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut job = JobId(known().keys().next_back().map_or(1, |last| last.0 + 1));
-        // Somebody else's submission, here or by a coordinator before, may have the number.
-        while !self.store.create_job(job, &spec).await.map_err(not_stored)? {
-            job = JobId(job.0 + 1);
-        }
-        known().insert(job, StoredJob { job, spec, state: JobState::Running, reason: None });
-        Ok(job)
+        self.farm.chronicle.note(Some(record.job), "tried again");
+        Ok(Response::new(self.view(record.job).await?.into()))
     }
 }
 
@@ -142,7 +169,7 @@ impl Control for ControlService {
         let mut missing = Vec::new();
         for scene in request.into_inner().scenes {
             let scene = SceneId::try_from(scene)?;
-            if !self.store.has_scene(scene).await.map_err(not_stored)? {
+            if !self.uploads.has_scene(scene).await.map_err(not_stored)? {
                 missing.push(scene.into());
             }
         }
@@ -156,7 +183,7 @@ impl Control for ControlService {
         let mut missing = Vec::new();
         for piece in request.into_inner().pieces {
             let piece = Digest::try_from(piece)?;
-            if !self.store.has_piece(piece).await.map_err(not_stored)? {
+            if !self.uploads.has_piece(piece).await.map_err(not_stored)? {
                 missing.push(piece.into());
             }
         }
@@ -167,10 +194,10 @@ impl Control for ControlService {
         &self,
         request: Request<Streaming<v1::PutPieceRequest>>,
     ) -> Result<Response<v1::PutPiecesResponse>, Status> {
-        let store = self.store.clone();
-        let kept = request.into_inner().map(move |piece| {
-            let store = store.clone();
-            async move { store.put_piece(piece?.data).await.map_err(not_stored) }
+        let peer = Peer::of(&request)?;
+        let kept = request.into_inner().map(|piece| {
+            let (uploads, peer) = (self.uploads.clone(), peer.clone());
+            async move { uploads.bring(&peer, piece?.data).await.map_err(not_brought) }
         });
         kept.buffer_unordered(PIECES_AT_ONCE).try_collect::<()>().await?;
         Ok(Response::new(v1::PutPiecesResponse {}))
@@ -184,6 +211,8 @@ impl Control for ControlService {
         let scene = scene.ok_or_else(|| Status::invalid_argument("message has no scene"))?;
         let scene = SceneId::try_from(scene)?;
         let pieces: Vec<Digest> = pieces.into_iter().map(Digest::try_from).collect::<Result<_, _>>()?;
+        let _room = self.uploads.checks.acquire().await.map_err(ending)?;
+        self.uploads.touch(pieces.iter().copied().chain([Digest(scene.0)])).await;
         let snapshot = self.store.join(&pieces, UPLOAD_BYTES_MAX).await.map_err(not_stored)?;
         let snapshot = snapshot.ok_or_else(|| {
             Status::failed_precondition(format!(
@@ -207,14 +236,20 @@ impl Control for ControlService {
         &self,
         request: Request<v1::SubmitRequest>,
     ) -> Result<Response<v1::SubmitResponse>, Status> {
+        let owner = Peer::of(&request)?.standing.owner();
         let spec = request.into_inner().spec.ok_or_else(|| Status::invalid_argument("message has no job"))?;
         let spec = JobSpec::try_from(spec)?;
-        let snapshot = self.farm.scene(spec.scene).await.ok_or_else(|| {
-            Status::failed_precondition(format!("scene {} is not here: bring it first", spec.scene))
-        })?;
+        let not_here =
+            || Status::failed_precondition(format!("scene {} is not here: bring it first", spec.scene));
+        let snapshot = self.farm.scene(spec.scene).await.ok_or_else(not_here)?;
         let checked = spec.clone();
         blocking(move || check(&snapshot, &checked)).await?;
-        let job = self.new_job(spec.clone()).await?;
+        if !self.uploads.has_scene(spec.scene).await.map_err(not_stored)? {
+            return Err(not_here());
+        }
+        let job = self.store.create_job(&spec, owner).await.map_err(not_stored)?;
+        let record = StoredJob { job, spec: spec.clone(), owner, state: JobState::Running, reason: None };
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(job, record);
         let outputs = Outputs::Store { scene_name: spec.name.clone() };
         let submission =
             Submission { job, spec, outputs, listener: None, finished: Vec::new(), durable: Vec::new() };
@@ -267,29 +302,44 @@ impl Control for ControlService {
     }
 
     async fn cancel(&self, request: Request<v1::JobRequest>) -> Result<Response<v1::JobStatus>, Status> {
-        let job = JobId(request.into_inner().job);
-        self.decide(job, JobOrder::Cancel, |job| job.state = JobState::Cancelled).await
+        let job = JobId(request.get_ref().job);
+        self.decide(&request, job, JobOrder::Cancel, |job| job.state = JobState::Cancelled).await
     }
 
     async fn pause(&self, request: Request<v1::JobRequest>) -> Result<Response<v1::JobStatus>, Status> {
-        let job = JobId(request.into_inner().job);
-        self.decide(job, JobOrder::Pause, |job| job.state = JobState::Paused).await
+        let job = JobId(request.get_ref().job);
+        self.decide(&request, job, JobOrder::Pause, |job| job.state = JobState::Paused).await
     }
 
     async fn resume(&self, request: Request<v1::JobRequest>) -> Result<Response<v1::JobStatus>, Status> {
-        let job = JobId(request.into_inner().job);
-        if self.view(job).await?.state == JobState::Failed {
-            return self.try_again(job).await;
-        }
-        self.decide(job, JobOrder::Resume, |job| job.state = JobState::Running).await
+        let job = JobId(request.get_ref().job);
+        self.decide(&request, job, JobOrder::Resume, |job| job.state = JobState::Running).await
     }
 
     async fn set_priority(
         &self,
         request: Request<v1::SetPriorityRequest>,
     ) -> Result<Response<v1::JobStatus>, Status> {
-        let v1::SetPriorityRequest { job, priority } = request.into_inner();
-        self.decide(JobId(job), JobOrder::Priority(priority), |job| job.spec.priority = priority).await
+        let v1::SetPriorityRequest { job, priority } = *request.get_ref();
+        self.decide(&request, JobId(job), JobOrder::Priority(priority), |job| job.spec.priority = priority)
+            .await
+    }
+
+    async fn forget(&self, request: Request<v1::JobRequest>) -> Result<Response<v1::ForgetResponse>, Status> {
+        let job = JobId(request.get_ref().job);
+        self.own(&request, job)?;
+        let _deciding = self.deciding.lock().await;
+        let state = self.view(job).await?.state;
+        if !state.is_final() {
+            return Err(Status::failed_precondition(format!("job {job} is {state}: cancel it first")));
+        }
+        self.store.forget_job(job).await.map_err(not_stored)?;
+        self.jobs.lock().unwrap_or_else(PoisonError::into_inner).remove(&job);
+        // What is on its way to the store must be there, so that it goes, too.
+        self.farm.forget(job).await.map_err(ending)?;
+        self.store.remove_job(job).await.map_err(not_stored)?;
+        info!(%job, "forgotten");
+        Ok(Response::new(v1::ForgetResponse {}))
     }
 
     async fn workers(&self, _: Request<v1::WorkersRequest>) -> Result<Response<v1::WorkersResponse>, Status> {
@@ -307,8 +357,8 @@ impl Control for ControlService {
     }
 
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
-        let v1::FetchRequest { job, frame } = request.into_inner();
-        let record = self.record(JobId(job))?;
+        let v1::FetchRequest { job, frame } = *request.get_ref();
+        let record = self.own(&request, JobId(job))?;
         let file = self.store.frame(record.job, FrameIndex(frame)).await.map_err(not_stored)?;
         let file =
             file.ok_or_else(|| Status::not_found(format!("frame {frame} of job {job} is not finished")))?;

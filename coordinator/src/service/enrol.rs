@@ -19,8 +19,7 @@ pub(super) struct EnrolmentService {
 #[tonic::async_trait]
 impl Enrolment for EnrolmentService {
     async fn enrol(&self, request: Request<v1::EnrolRequest>) -> Result<Response<v1::EnrolResponse>, Status> {
-        let peer = request.extensions().get::<Peer>().cloned();
-        let peer = peer.ok_or_else(|| Status::internal("the connection does not say whose it is"))?;
+        let peer = Peer::of(&request)?;
         let v1::EnrolRequest { token, signing_request } = request.into_inner();
         let authority = self.authority.clone();
         let renewed = match (&peer.standing, token.is_empty()) {

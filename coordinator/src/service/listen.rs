@@ -64,19 +64,25 @@ impl Listener {
             let enrolment = EnrolmentServer::new(EnrolmentService { authority, revoked });
             router = router.add_service(enrolment.max_decoding_message_size(ENROL_BYTES_MAX));
         }
+        let (health, health_service) = tonic_health::server::health_reporter();
+        let serves_people = control.is_some();
         if let Some(control) = control {
             // Ordinary gRPC tools find out by themselves what is served here, and whether it is well.
             let reflection = tonic_reflection::server::Builder::configure()
                 .register_encoded_file_descriptor_set(farm_proto::DESCRIPTOR)
+                .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
                 .build_v1()
                 .expect("our own description is well-formed");
-            let (_, health) = tonic_health::server::health_reporter();
             let control = ControlServer::new(control)
                 .max_decoding_message_size(CONTROL_BYTES_MAX)
                 .max_encoding_message_size(CONTROL_BYTES_MAX);
-            router = router.add_service(control).add_service(reflection).add_service(health);
+            router = router.add_service(control).add_service(reflection).add_service(health_service);
         }
         tokio::spawn(async move {
+            if serves_people {
+                health.set_serving::<FarmServer<FarmService>>().await;
+                health.set_serving::<ControlServer<ControlService>>().await;
+            }
             if let Err(error) = router.serve_with_incoming(ReceiverStream::new(lines)).await {
                 error!(%error, "the listener has failed");
             }

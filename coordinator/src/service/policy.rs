@@ -1,6 +1,6 @@
 //! Who may call what. Whatever is not listed here nobody may call but an admin.
 
-use farm_trust::{Holder, Role};
+use farm_trust::{Holder, Role, TokenId};
 use std::net::SocketAddr;
 use std::time::SystemTime;
 
@@ -11,6 +11,14 @@ pub struct Peer {
     pub address: SocketAddr,
     /// As what.
     pub standing: Standing,
+}
+
+impl Peer {
+    /// Who made a call.
+    pub fn of<T>(request: &tonic::Request<T>) -> Result<Self, tonic::Status> {
+        let peer = request.extensions().get::<Self>().cloned();
+        peer.ok_or_else(|| tonic::Status::internal("the connection does not say whose it is"))
+    }
 }
 
 /// As what someone is connected.
@@ -24,6 +32,30 @@ pub enum Standing {
     Known(Holder),
 }
 
+impl Standing {
+    /// Whose it is what somebody submits: a person has one token, and may have several hosts that joined with it.
+    pub fn owner(&self) -> Option<TokenId> {
+        match self {
+            Self::Open | Self::Stranger => None,
+            Self::Known(holder) => Some(holder.token),
+        }
+    }
+
+    /// Whether nothing that somebody brings or asks is anybody else's business.
+    pub fn is_admin(&self) -> bool {
+        matches!(self, Self::Known(holder) if holder.role == Role::Admin)
+    }
+
+    /// Whether somebody may change and fetch what is `owner`'s. Whoever reaches an open line may, as all are one there.
+    pub fn may_touch(&self, owner: Option<TokenId>) -> bool {
+        match self {
+            Self::Open => true,
+            Self::Stranger => false,
+            Self::Known(holder) => holder.role == Role::Admin || owner == Some(holder.token),
+        }
+    }
+}
+
 /// Why a call is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
@@ -35,7 +67,7 @@ pub enum Refusal {
     Expired,
     /// What the certificate goes back to was taken back.
     #[error("token {0} was revoked, and with it this certificate")]
-    Revoked(farm_trust::TokenId),
+    Revoked(TokenId),
     /// The wrong kind of certificate.
     #[error("a certificate for {found}s does not allow this call: it takes one for {needed}s")]
     Role {
@@ -102,7 +134,6 @@ pub fn permit(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use farm_trust::TokenId;
     use std::time::Duration;
 
     fn holder(role: Role) -> Holder {
@@ -135,6 +166,24 @@ mod tests {
             assert_eq!(may(&Standing::Stranger, path), path.ends_with("/Enrol"), "{path}");
             assert!(may(&Standing::Open, path));
         }
+    }
+
+    #[test]
+    fn what_is_somebodys_is_for_its_owner_and_admins() {
+        let token = |text: &str| text.parse::<TokenId>().unwrap();
+        let known = |role, token| Standing::Known(Holder { token, ..holder(role) });
+        let (ann, bob) = (token("00000000000a"), token("00000000000b"));
+        for (who, of_ann, of_nobody) in [
+            (known(Role::Submitter, ann), true, false),
+            (known(Role::Submitter, bob), false, false),
+            (known(Role::Admin, bob), true, true),
+            (Standing::Open, true, true),
+            (Standing::Stranger, false, false),
+        ] {
+            assert_eq!((who.may_touch(Some(ann)), who.may_touch(None)), (of_ann, of_nobody), "{who:?}");
+        }
+        assert_eq!(known(Role::Submitter, ann).owner(), Some(ann));
+        assert_eq!(Standing::Open.owner(), None);
     }
 
     #[test]

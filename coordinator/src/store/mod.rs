@@ -6,7 +6,7 @@
 //! epochs/..                            whose turn it is to write (see [`turn`])
 //! scenes/<digest>                      which pieces a scene's snapshot is made of
 //! pieces/<digest>                      pieces of snapshots, each kept once however many scenes share it
-//! jobs/<id>/job.json                   what was asked
+//! jobs/<id>/job.json                   what was asked, and by whom; null when the job was forgotten
 //! jobs/<id>/state/<epoch>-<n>.json     what its owner decided since, and what became of it; the latest counts
 //! jobs/<id>/partials/<frame>/*.exr     accepted results of frames that are not finished; under load several of them in
 //! jobs/<id>/partials/<frame>/*.tar     one object, as a put costs the same whatever its size
@@ -18,29 +18,31 @@
 //! as anybody's, and its states sort before those of the next turn.
 
 mod batch;
+mod jobs;
 mod location;
 mod objects;
+mod scenes;
 mod turn;
 
+pub use jobs::{Fate, StoredJob};
 pub use location::{Clock, StoreLocation};
+pub use scenes::Unneeded;
 pub use turn::Patience;
 
-use crate::pieces;
 use batch::partial_name;
-use bytes::{Bytes, BytesMut};
+use bytes::Bytes;
 use farm_film::{FilmTile, FrameIndex, Tile, WorkUnit};
 use farm_image::{PartialHeader, PartialLimits, decode_partial};
-use farm_job::{Digest, JobId, JobSpec, JobState};
+use farm_job::JobId;
 use farm_scene::SceneId;
 use farm_worker::blocking;
 use location::Objects;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
 use objects::{create, get, list, put, root_cause};
-use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use tokio::sync::watch;
 use tracing::warn;
 use turn::Turn;
@@ -91,27 +93,6 @@ impl StoreError {
     }
 }
 
-/// A job as it is kept.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StoredJob {
-    /// Its name.
-    pub job: JobId,
-    /// What was asked; its priority is the present one.
-    pub spec: JobSpec,
-    /// Where it is in its life.
-    pub state: JobState,
-    /// Why it failed.
-    pub reason: Option<String>,
-}
-
-/// What has become of a job.
-#[derive(Serialize, Deserialize)]
-struct StoredState {
-    state: JobState,
-    reason: Option<String>,
-    priority: i32,
-}
-
 /// A store that is ours as long as nobody takes it over.
 pub struct Store {
     objects: Arc<Objects>,
@@ -119,6 +100,8 @@ pub struct Store {
     session: u64,
     /// Numbers what this coordinator puts.
     next: AtomicU64,
+    /// The highest number that a job has or had.
+    last_job: AtomicU64,
     /// Kept at hand, as all workers ask for the same one.
     latest_scene: Mutex<Option<(SceneId, Bytes)>>,
     beating: tokio::task::JoinHandle<()>,
@@ -156,7 +139,8 @@ impl Store {
             let (turn, objects) = (turn.clone(), objects.clone());
             async move { turn.beat(&objects).await }
         });
-        Ok(Self { objects, turn, session, next: AtomicU64::new(0), latest_scene: Mutex::default(), beating })
+        let (next, last_job) = (AtomicU64::new(0), AtomicU64::new(0));
+        Ok(Self { objects, turn, session, next, last_job, latest_scene: Mutex::default(), beating })
     }
 
     /// Names this store's farm to its workers: what they hold stays good across restarts.
@@ -190,122 +174,6 @@ impl Store {
     fn fresh_name(&self, extension: &str) -> String {
         let number = self.next.fetch_add(1, Ordering::Relaxed);
         format!("{:010}-{number:010}.{extension}", self.turn.epoch())
-    }
-
-    /// Keeps a piece of a scene, unless it is there.
-    pub async fn put_piece(&self, piece: Bytes) -> Result<(), StoreError> {
-        let digest = pieces::digest(&piece);
-        if self.has_piece(digest).await? { Ok(()) } else { self.keep(&piece_path(digest), piece).await }
-    }
-
-    /// Whether a piece is there.
-    pub async fn has_piece(&self, piece: Digest) -> Result<bool, StoreError> {
-        self.has(&piece_path(piece)).await
-    }
-
-    /// Whether a scene is there.
-    pub async fn has_scene(&self, scene: SceneId) -> Result<bool, StoreError> {
-        self.has(&scene_path(scene)).await
-    }
-
-    async fn has(&self, path: &Path) -> Result<bool, StoreError> {
-        match self.objects.durable.head(path).await {
-            Ok(_) => Ok(true),
-            Err(object_store::Error::NotFound { .. }) => Ok(false),
-            Err(error) => Err(StoreError::object(path, &error)),
-        }
-    }
-
-    /// The pieces in a row, as far as they are there.
-    pub async fn join(&self, digests: &[Digest], bytes_max: usize) -> Result<Option<Bytes>, StoreError> {
-        use futures::StreamExt;
-        let paths: Vec<Path> = digests.iter().map(|digest| piece_path(*digest)).collect();
-        let objects = self.objects.clone();
-        let pieces = futures::stream::iter(paths).map(move |path| {
-            let objects = objects.clone();
-            async move { get(&*objects.durable, &path).await }
-        });
-        let mut pieces = pieces.buffered(READS);
-        let mut joined = BytesMut::new();
-        while let Some(piece) = pieces.next().await {
-            let Some(piece) = piece? else { return Ok(None) };
-            if joined.len() + piece.len() > bytes_max {
-                return Ok(None);
-            }
-            joined.extend_from_slice(&piece);
-        }
-        Ok(Some(joined.freeze()))
-    }
-
-    /// Keeps which pieces, all of which are there, make up a scene's snapshot.
-    pub async fn put_scene(&self, scene: SceneId, digests: &[Digest]) -> Result<(), StoreError> {
-        let names: Vec<String> = digests.iter().map(Digest::to_string).collect();
-        let json = serde_json::to_vec_pretty(&names).expect("plain data serialises");
-        self.keep(&scene_path(scene), json).await
-    }
-
-    /// A scene's snapshot, verified.
-    pub async fn scene(&self, scene: SceneId) -> Option<Bytes> {
-        if let Some((latest, snapshot)) = &*self.latest_scene.lock().unwrap_or_else(PoisonError::into_inner)
-            && *latest == scene
-        {
-            return Some(snapshot.clone());
-        }
-        let names: Vec<String> = self.read_json(&scene_path(scene)).await.ok()??;
-        let digests: Vec<Digest> = names.iter().map(|name| name.parse()).collect::<Result<_, _>>().ok()?;
-        let snapshot = self.join(&digests, usize::MAX).await.ok()??;
-        let verified = blocking(move || (SceneId::of(&snapshot) == scene).then_some(snapshot));
-        let snapshot = verified.await?;
-        *self.latest_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((scene, snapshot.clone()));
-        Some(snapshot)
-    }
-
-    /// Keeps a new job; false when its number is taken.
-    pub async fn create_job(&self, job: JobId, spec: &JobSpec) -> Result<bool, StoreError> {
-        self.turn.check(&self.objects).await?;
-        let json = serde_json::to_vec_pretty(spec).expect("plain data serialises");
-        let created = create(&*self.objects.durable, &job_path(job).join("job.json"), json).await?;
-        self.turn.confirm(&self.objects).await?;
-        Ok(created)
-    }
-
-    /// Keeps what has become of a job.
-    pub async fn put_state(&self, job: &StoredJob) -> Result<(), StoreError> {
-        let folder = job_path(job.job).join("state");
-        let former = list(&*self.objects.durable, &folder).await?;
-        let StoredJob { state, reason, spec, .. } = job;
-        let state = StoredState { state: *state, reason: reason.clone(), priority: spec.priority };
-        let json = serde_json::to_vec_pretty(&state).expect("plain data serialises");
-        self.keep(&folder.join(self.fresh_name("json")), json).await?;
-        self.remove(former).await;
-        Ok(())
-    }
-
-    /// Every job, by number.
-    pub async fn jobs(&self) -> Result<Vec<StoredJob>, StoreError> {
-        use futures::{StreamExt, TryStreamExt};
-        let folder = Path::from("jobs");
-        let found = self.objects.durable.list_with_delimiter(Some(&folder)).await;
-        let found = found.map_err(|error| StoreError::object(&folder, &error))?;
-        let numbers =
-            found.common_prefixes.iter().filter_map(|path| path.filename()?.parse().ok().map(JobId));
-        let jobs = futures::stream::iter(numbers.collect::<BTreeSet<_>>());
-        let jobs = jobs.map(|job| self.job(job)).buffered(READS).try_collect::<Vec<_>>().await?;
-        Ok(jobs.into_iter().flatten().collect())
-    }
-
-    /// A folder without its description is a job that was never acknowledged.
-    async fn job(&self, job: JobId) -> Result<Option<StoredJob>, StoreError> {
-        let path = job_path(job).join("job.json");
-        let Some(spec) = self.read_json::<JobSpec>(&path).await? else { return Ok(None) };
-        let mut stored = StoredJob { job, spec, state: JobState::Running, reason: None };
-        let states = list(&*self.objects.durable, &job_path(job).join("state")).await?;
-        if let Some(latest) = states.iter().max()
-            && let Some(StoredState { state, reason, priority }) = self.read_json(latest).await?
-        {
-            (stored.state, stored.reason, stored.spec.priority) = (state, reason, priority);
-        }
-        Ok(Some(stored))
     }
 
     async fn read_json<T: serde::de::DeserializeOwned>(&self, path: &Path) -> Result<Option<T>, StoreError> {
@@ -413,6 +281,14 @@ impl Store {
         }
     }
 
+    /// Forgets all partials of a job that was given up. What is left behind is only in the way of the disk.
+    pub async fn remove_all_partials(&self, job: JobId) {
+        if self.turn.check(&self.objects).await.is_ok() {
+            let folder = job_path(job).join("partials");
+            self.remove(list(&*self.objects.durable, &folder).await.unwrap_or_default()).await;
+        }
+    }
+
     /// Forgets the partials of a frame that is finished. What is left behind is only in the way of the disk.
     pub async fn remove_partials(&self, job: JobId, frame: FrameIndex) {
         if self.turn.check(&self.objects).await.is_ok() {
@@ -446,14 +322,6 @@ impl Store {
         };
         Ok(paths.iter().filter_map(frame).collect())
     }
-}
-
-fn scene_path(scene: SceneId) -> Path {
-    Path::from("scenes").join(scene.to_string())
-}
-
-fn piece_path(piece: Digest) -> Path {
-    Path::from("pieces").join(piece.to_string())
 }
 
 fn job_path(job: JobId) -> Path {

@@ -1,7 +1,8 @@
 use super::*;
+use crate::pieces;
 use farm_film::{Counters, SampleBlock, Tile};
 use farm_image::{PartialHeader, encode_partial};
-use farm_job::{FrameRange, Stop};
+use farm_job::{Digest, FrameRange, JobSpec, JobState, Stop};
 use farm_scene::{Filter, Integrator, Settings};
 
 fn job(number: u64) -> StoredJob {
@@ -27,7 +28,13 @@ fn job(number: u64) -> StoredJob {
         tile_side: 8,
         priority: 5,
     };
-    StoredJob { job: JobId(number), spec, state: JobState::Paused, reason: None }
+    StoredJob {
+        job: JobId(number),
+        spec,
+        owner: Some("00000000000a".parse().unwrap()),
+        state: JobState::Paused,
+        reason: None,
+    }
 }
 
 fn unit(start: u64) -> WorkUnit {
@@ -72,32 +79,31 @@ async fn what_was_put_is_there_after_a_restart() {
     let (frame, scene) = (FrameIndex(2), Bytes::from("scene"));
     let session = {
         let store = open(&place).await;
-        for number in [10, 9] {
-            assert!(store.create_job(JobId(number), &job(number).spec).await.unwrap());
-            store.put_state(&job(number)).await.unwrap();
+        for number in [1, 2] {
+            assert_eq!(store.create_job(&job(number).spec, job(number).owner).await.unwrap(), JobId(number));
+            store.put_fate(JobId(number), &job(number).fate()).await.unwrap();
         }
-        assert!(!store.create_job(JobId(9), &job(9).spec).await.unwrap(), "the number is taken");
         store.put_piece(scene.slice(..2)).await.unwrap();
         store.put_piece(scene.slice(2..)).await.unwrap();
         store.put_scene(SceneId::of(&scene), &halves(&scene)).await.unwrap();
         let keep = async |units: &[WorkUnit]| {
             let partials: Vec<_> = units.iter().map(|unit| (unit, partial(unit).into())).collect();
-            store.put_partials(JobId(9), frame, &partials).await.unwrap();
+            store.put_partials(JobId(2), frame, &partials).await.unwrap();
         };
         keep(&[unit(0)]).await;
         keep(&[unit(16), unit(32), unit(48)]).await;
-        store.put_frame(JobId(9), FrameIndex(1), Bytes::from("exr")).await.unwrap();
+        store.put_frame(JobId(2), FrameIndex(1), Bytes::from("exr")).await.unwrap();
         store.session()
     };
     let store = open(&place).await;
     assert_eq!(store.session(), session);
-    assert_eq!(store.jobs().await.unwrap(), [job(9), job(10)]);
+    assert_eq!(store.jobs().await.unwrap(), [job(1), job(2)]);
     assert_eq!(store.scene(SceneId::of(&scene)).await, Some(scene));
-    assert_eq!(store.begun_frames(JobId(9)).await.unwrap(), BTreeSet::from([frame]));
-    assert_eq!(store.finished_frames(JobId(9)).await.unwrap(), BTreeSet::from([FrameIndex(1)]));
-    assert_eq!(starts(&store.partials(JobId(9), frame).await.unwrap()), [0, 16, 32, 48]);
-    store.remove_partials(JobId(9), frame).await;
-    assert!(store.begun_frames(JobId(9)).await.unwrap().is_empty());
+    assert_eq!(store.begun_frames(JobId(2)).await.unwrap(), BTreeSet::from([frame]));
+    assert_eq!(store.finished_frames(JobId(2)).await.unwrap(), BTreeSet::from([FrameIndex(1)]));
+    assert_eq!(starts(&store.partials(JobId(2), frame).await.unwrap()), [0, 16, 32, 48]);
+    store.remove_partials(JobId(2), frame).await;
+    assert!(store.begun_frames(JobId(2)).await.unwrap().is_empty());
 }
 
 #[tokio::test]
@@ -126,14 +132,41 @@ async fn the_latest_state_counts() {
     let place = tempfile::tempdir().unwrap();
     for (epoch, state) in [JobState::Running, JobState::Paused, JobState::Cancelled].into_iter().enumerate() {
         let store = open(&place).await;
-        store.create_job(JobId(1), &job(1).spec).await.unwrap();
+        if epoch == 0 {
+            store.create_job(&job(1).spec, job(1).owner).await.unwrap();
+        }
         for priority in [-3, 8] {
             let mut job = StoredJob { state, ..job(1) };
             job.spec.priority = priority;
-            store.put_state(&job).await.unwrap();
+            store.put_fate(job.job, &job.fate()).await.unwrap();
             assert_eq!(store.jobs().await.unwrap(), [job], "turn {epoch}");
         }
     }
+}
+
+#[tokio::test]
+async fn a_forgotten_job_is_gone_and_its_number_is_not_used_again() {
+    let place = tempfile::tempdir().unwrap();
+    {
+        let store = open(&place).await;
+        for number in 1..=3 {
+            assert_eq!(store.create_job(&job(number).spec, None).await.unwrap(), JobId(number));
+            store.put_frame(JobId(number), FrameIndex(1), Bytes::from("exr")).await.unwrap();
+        }
+        store.put_partials(JobId(3), FrameIndex(2), &[(&unit(0), partial(&unit(0)).into())]).await.unwrap();
+        store.forget_job(JobId(1)).await.unwrap();
+        store.remove_job(JobId(1)).await.unwrap();
+        assert!(!place.path().join("jobs/1").exists());
+        // Killed before there was room again.
+        store.forget_job(JobId(3)).await.unwrap();
+    }
+    let store = open(&place).await;
+    let numbers = async || store.jobs().await.unwrap().iter().map(|job| job.job.0).collect::<Vec<_>>();
+    assert_eq!(numbers().await, [2]);
+    assert!(!place.path().join("jobs/3/frames").exists() && !place.path().join("jobs/3/partials").exists());
+    assert_eq!(store.create_job(&job(4).spec, None).await.unwrap(), JobId(4));
+    assert_eq!(numbers().await, [2, 4]);
+    assert!(!place.path().join("jobs/3").exists(), "job 4 tells by itself which number is next");
 }
 
 #[tokio::test]
@@ -156,7 +189,7 @@ async fn a_coordinator_whose_turn_is_over_keeps_nothing_more() {
     std::fs::write(place.path().join("epochs/0000000002.json"), heir).unwrap();
     let refused = stale.put_frame(JobId(1), FrameIndex(1), Bytes::from("late")).await.unwrap_err();
     assert!(refused.to_string().contains("taken over the store (process 7 on elsewhere)"), "{refused}");
-    assert!(matches!(stale.put_state(&job(1)).await, Err(StoreError::TurnOver(_))));
+    assert!(matches!(stale.put_fate(JobId(1), &job(1).fate()).await, Err(StoreError::TurnOver(_))));
     assert!(stale.lost().borrow().is_some());
     tokio::time::sleep(std::time::Duration::from_millis(1100)).await;
     assert!(stale.put_frame(JobId(1), FrameIndex(2), Bytes::from("later")).await.is_err());
@@ -190,7 +223,7 @@ async fn damage_is_noticed() {
     let mixed = [(&unit(16), cut(&unit(16))), (&unit(32), partial(&unit(32)).into())];
     store.put_partials(JobId(1), FrameIndex(2), &mixed).await.unwrap();
     assert_eq!(starts(&store.partials(JobId(1), FrameIndex(2)).await.unwrap()), [32]);
-    store.create_job(JobId(1), &job(1).spec).await.unwrap();
+    store.create_job(&job(1).spec, None).await.unwrap();
     std::fs::write(place.path().join("jobs/1/job.json"), b"{").unwrap();
     assert!(store.jobs().await.unwrap_err().to_string().contains("job.json"));
 }

@@ -12,6 +12,8 @@ pub struct JobView {
     pub job: JobId,
     /// What was asked.
     pub spec: JobSpec,
+    /// Token that its owner joined with; empty when it was submitted over a line that is open to all.
+    pub owner: String,
     /// Where it is in its life.
     pub state: JobState,
     /// Why it failed, or why nothing of it is running; empty when there is nothing to say.
@@ -125,6 +127,7 @@ impl From<JobView> for v1::JobStatus {
         Self {
             job: view.job.0,
             spec: Some(view.spec.into()),
+            owner: view.owner,
             state: wire_state(view.state).into(),
             reason: view.reason,
             samples_done: view.samples_done,
@@ -170,6 +173,7 @@ impl TryFrom<v1::JobStatus> for JobView {
         Ok(Self {
             job: JobId(status.job),
             spec: status.spec.ok_or(ConvertError::Missing("job specification"))?.try_into()?,
+            owner: text("owner", status.owner)?,
             state,
             reason: text("reason", status.reason)?,
             samples_done: status.samples_done,
