@@ -5,7 +5,7 @@ use crate::forecast::Left;
 use crate::open_frame::Outlook;
 use crate::store::StoredJob;
 use farm_job::JobState;
-use farm_proto::convert::{JobView, WorkerView};
+use farm_proto::convert::{JobCounts, JobView, WorkerView};
 use farm_scheduler::{JobStatus, WorkerStatus};
 use std::time::Duration;
 
@@ -31,6 +31,7 @@ pub async fn job(farm: &Farm, record: &StoredJob, overview: &Overview) -> Result
         eta: None,
         eta_low: None,
         eta_high: None,
+        counts: JobCounts::default(),
     };
     let Some(status) = known else { return Ok(view) };
     view.spec.priority = status.priority;
@@ -42,6 +43,7 @@ pub async fn job(farm: &Farm, record: &StoredJob, overview: &Overview) -> Result
     view.reason = reason(status, overview);
     view.samples_done = clamped(status.samples_done);
     view.samples_total = clamped(status.samples);
+    view.counts = counts(status);
     if view.state == JobState::Running
         && let Some(outlook) = farm.outlook(record.job).await?
     {
@@ -64,6 +66,11 @@ fn look_ahead(view: &mut JobView, frames_done: u64, outlook: &Outlook) {
     if !view.spec.stop.is_never() {
         view.samples_total = left.samples as u64;
     }
+}
+
+fn counts(status: &JobStatus) -> JobCounts {
+    let &JobStatus { duplicates, failures, expired, verified, unverified, .. } = status;
+    JobCounts { duplicates, failures, expired, verified, unverified }
 }
 
 fn clamped(samples: u128) -> u64 {

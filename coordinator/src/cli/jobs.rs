@@ -249,6 +249,7 @@ pub fn job_line(view: &JobView) -> String {
 
 /// For scripts.
 pub fn job_json(view: &JobView) -> Value {
+    let counts = view.counts;
     json!({
         "job": view.job,
         "spec": view.spec,
@@ -266,6 +267,13 @@ pub fn job_json(view: &JobView) -> Value {
         "eta_s": view.eta.map(|eta| eta.as_secs_f64()),
         "eta_low_s": view.eta_low.map(|eta| eta.as_secs_f64()),
         "eta_high_s": view.eta_high.map(|eta| eta.as_secs_f64()),
+        "counts": {
+            "duplicates": counts.duplicates,
+            "failures": counts.failures,
+            "expired": counts.expired,
+            "verified": counts.verified,
+            "unverified": counts.unverified,
+        },
     })
 }
 

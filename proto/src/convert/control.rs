@@ -40,6 +40,23 @@ pub struct JobView {
     pub eta_low: Option<Duration>,
     /// The end lies hardly after this.
     pub eta_high: Option<Duration>,
+    /// What has happened to its units.
+    pub counts: JobCounts,
+}
+
+/// What has happened to units and results of a job since the coordinator started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct JobCounts {
+    /// Results that were dropped, as their samples were there already.
+    pub duplicates: u64,
+    /// Units that a worker could not render, and results that were refused.
+    pub failures: u64,
+    /// Leases that ran out or went with their worker.
+    pub expired: u64,
+    /// Units that two workers rendered to the same bits.
+    pub verified: u64,
+    /// Units that were to be compared, but with nobody there to render them once more.
+    pub unverified: u64,
 }
 
 /// One worker as it is now.
@@ -141,6 +158,7 @@ impl From<JobView> for v1::JobStatus {
             rel_mse: view.rel_mse,
             slope: view.slope,
             spp: view.spp,
+            counts: Some(view.counts.into()),
         }
     }
 }
@@ -187,7 +205,22 @@ impl TryFrom<v1::JobStatus> for JobView {
             eta: status.eta_seconds.map(time).transpose()?,
             eta_low: status.eta_low_seconds.map(time).transpose()?,
             eta_high: status.eta_high_seconds.map(time).transpose()?,
+            counts: status.counts.unwrap_or_default().into(),
         })
+    }
+}
+
+impl From<JobCounts> for v1::JobCounts {
+    fn from(counts: JobCounts) -> Self {
+        let JobCounts { duplicates, failures, expired, verified, unverified } = counts;
+        Self { duplicates, failures, expired, verified, unverified }
+    }
+}
+
+impl From<v1::JobCounts> for JobCounts {
+    fn from(counts: v1::JobCounts) -> Self {
+        let v1::JobCounts { duplicates, failures, expired, verified, unverified } = counts;
+        Self { duplicates, failures, expired, verified, unverified }
     }
 }
 

@@ -5,7 +5,7 @@ mod job;
 mod unit;
 mod worker;
 
-pub use control::{JobView, LogView, WatchView, WorkerView};
+pub use control::{JobCounts, JobView, LogView, WatchView, WorkerView};
 pub use worker::{FromWorker, Grant, Heartbeat, Hello, ToWorker, UnitResult};
 
 /// A message that says something impossible.
