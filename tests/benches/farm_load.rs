@@ -11,12 +11,9 @@ use farm_proto::PROTOCOL_VERSION;
 use farm_proto::convert::{Grant, ToWorker};
 use farm_proto::v1::worker_message::Message as Said;
 use farm_proto::v1::{self, farm_client::FarmClient};
-use farm_tests::programs::{release_coordinator, root};
-use serde_json::Value;
+use farm_tests::programs::{Served, release_coordinator};
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -44,7 +41,7 @@ fn main() {
     let folder = tempfile::tempdir().expect("a place for the store");
     let store = arguments.get(3).map_or_else(|| folder.path().join("store"), PathBuf::from);
     allow_connections();
-    let coordinator = Coordinator::start(&release_coordinator(), &store);
+    let coordinator = Served::start(&release_coordinator(), &store);
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("threads");
     runtime.block_on(measure(&coordinator, workers, rate, Duration::from_secs(seconds)));
     runtime.shutdown_background();
@@ -57,65 +54,19 @@ fn allow_connections() {
     rustix::process::setrlimit(rustix::process::Resource::Nofile, limit).expect("the limit may be raised");
 }
 
-struct Coordinator {
-    program: PathBuf,
-    child: Child,
-    address: String,
+/// Seconds of processor time so far.
+fn processor_seconds(process: u32) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).expect("it lives");
+    let fields: Vec<&str> = stat.rsplit(')').next().expect("a name").split_whitespace().collect();
+    let ticks: u64 = fields[11..13].iter().map(|ticks| ticks.parse::<u64>().expect("a number")).sum();
+    ticks as f64 / rustix::param::clock_ticks_per_second() as f64
 }
 
-impl Coordinator {
-    fn start(program: &Path, store: &Path) -> Self {
-        let mut child = Command::new(program)
-            .args(["serve", "--listen", "127.0.0.1:0", "--store"])
-            .arg(store)
-            .env("FARM_LOG", "warn")
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the coordinator runs");
-        let mut lines =
-            BufReader::new(child.stderr.take().expect("it is piped")).lines().map_while(Result::ok);
-        let address = lines
-            .find_map(|line| line.strip_prefix("listening on ").map(str::to_owned))
-            .expect("the coordinator listens");
-        std::thread::spawn(move || lines.for_each(|line| eprintln!("coordinator: {line}")));
-        Self { program: program.to_owned(), child, address }
-    }
-
-    /// More units than can be done.
-    fn submit(&self) -> u64 {
-        let said = Command::new(&self.program)
-            .arg("submit")
-            .arg(root().join("tests/scenes/cornell.gltf"))
-            .args(["--resolution", "1024x1024", "--spp", "1048576", "--tile", TILE, "--json", "--to"])
-            .arg(&self.address)
-            .output()
-            .expect("the coordinator runs");
-        let answer: Value = serde_json::from_slice(&said.stdout)
-            .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&said.stderr)));
-        answer["job"].as_u64().expect("a number")
-    }
-
-    /// Seconds of processor time so far.
-    fn cpu(&self) -> f64 {
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).expect("it lives");
-        let fields: Vec<&str> = stat.rsplit(')').next().expect("a name").split_whitespace().collect();
-        let ticks: u64 = fields[11..13].iter().map(|ticks| ticks.parse::<u64>().expect("a number")).sum();
-        ticks as f64 / rustix::param::clock_ticks_per_second() as f64
-    }
-
-    /// Bytes of memory at present.
-    fn memory(&self) -> u64 {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).expect("it lives");
-        let line = status.lines().find(|line| line.starts_with("VmRSS:")).expect("its memory");
-        line.split_whitespace().nth(1).expect("a number").parse::<u64>().expect("a number") * 1024
-    }
-}
-
-impl Drop for Coordinator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+/// Bytes of memory at present.
+fn memory_bytes(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("it lives");
+    let line = status.lines().find(|line| line.starts_with("VmRSS:")).expect("its memory");
+    line.split_whitespace().nth(1).expect("a number").parse::<u64>().expect("a number") * 1024
 }
 
 /// What all workers see together.
@@ -130,22 +81,25 @@ struct Seen {
     acknowledgements: Mutex<Vec<u32>>,
 }
 
-async fn measure(coordinator: &Coordinator, workers: u64, rate: u64, span: Duration) {
-    let empty = coordinator.memory();
-    let job = coordinator.submit();
+async fn measure(coordinator: &Served, workers: u64, rate: u64, span: Duration) {
+    let process = coordinator.id();
+    let empty = memory_bytes(process);
+    // More units than can be done.
+    let size = ["--resolution", "1024x1024", "--spp", "1048576", "--tile", TILE];
+    let job = coordinator.submit("cornell.gltf", &size);
     let seen = Arc::new(Seen::default());
     let pause = (rate > 0).then(|| Duration::from_secs_f64(workers as f64 / rate as f64));
     for number in 0..workers {
-        tokio::spawn(work(coordinator.address.clone(), number, job, pause, seen.clone()));
+        tokio::spawn(work(coordinator.address().to_owned(), number, job, pause, seen.clone()));
     }
     tokio::time::sleep(WARM_UP + Duration::from_millis(workers)).await;
     let (cpu, acknowledged, begun) =
-        (coordinator.cpu(), seen.acknowledged.load(Ordering::Relaxed), Instant::now());
+        (processor_seconds(process), seen.acknowledged.load(Ordering::Relaxed), Instant::now());
     seen.measuring.store(true, Ordering::Relaxed);
     tokio::time::sleep(span).await;
     seen.measuring.store(false, Ordering::Relaxed);
     let units = seen.acknowledged.load(Ordering::Relaxed) - acknowledged;
-    let (seconds, cpu) = (begun.elapsed().as_secs_f64(), coordinator.cpu() - cpu);
+    let (seconds, cpu) = (begun.elapsed().as_secs_f64(), processor_seconds(process) - cpu);
     println!("workers                  {workers}");
     println!("acknowledged             {:.0} units/s", units as f64 / seconds);
     println!("turned away              {}", seen.rejected.load(Ordering::Relaxed));
@@ -156,7 +110,7 @@ async fn measure(coordinator: &Coordinator, workers: u64, rate: u64, span: Durat
     );
     println!(
         "memory                   {} MB, {} MB before the workers came",
-        coordinator.memory() >> 20,
+        memory_bytes(process) >> 20,
         empty >> 20
     );
     show("sent to next unit        ", &seen.waits);

@@ -58,7 +58,8 @@ impl Scheduler {
             return Some(Work::Check(unit));
         }
         let (target, slots) = (self.config.target_unit, self.slots);
-        let (speed, left) = (worker.speed_in(job_id).or(job.speed), job.samples_left());
+        let speed = worker.speed_in(job_id).or(job.speed);
+        let left = job.pace.speed().map(|pace| job.samples_left() as f64 / (pace * slots.max(1) as f64));
         // What failed here goes elsewhere, as long as there is an elsewhere.
         let may = |piece: &Piece| {
             let untried = |other: &Worker| {
@@ -67,7 +68,7 @@ impl Scheduler {
             !piece.history.disappointed(&worker.name)
                 || !self.workers.usable(&self.health).any(|(_, other)| untried(other))
         };
-        let samples_max = |tile: Tile| policy::unit_samples(target, speed, tile.area(), left, slots);
+        let samples_max = |tile: Tile| policy::unit_samples(target, speed, tile.area(), left);
         job.queue.take(samples_max, may).map(Work::Piece)
     }
 

@@ -2,6 +2,7 @@
 
 use crate::checks::Checks;
 use crate::plan::Plan;
+use crate::policy;
 use crate::provenance::Provenance;
 use crate::queue::Queue;
 use farm_job::{JobId, JobSpec, JobSpecError, JobState, LeaseId};
@@ -27,6 +28,8 @@ pub(crate) struct Job {
     filed: Option<Turn>,
     /// Pixel samples per second and slot over all workers, smoothed.
     pub speed: Option<f64>,
+    /// The same over the last few units of every slot, slow ones and fast ones: what the farm as a whole gets done.
+    pub pace: Pace,
     pub leases: u64,
     pub units_done: u64,
     pub failures: u64,
@@ -36,6 +39,27 @@ pub(crate) struct Job {
     pub unverified: u64,
     pub render: Duration,
     pub fault: Option<String>,
+}
+
+/// What slots get done, by time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pace {
+    samples: f64,
+    seconds: f64,
+}
+
+impl Pace {
+    /// Learns from a unit, and forgets what was before the last few of each of `slots` slots.
+    pub fn measure(&mut self, samples: f64, render: Duration, slots: u64) {
+        let keep = 1.0 - 1.0 / (policy::UNITS_REMEMBERED * slots.max(1) as f64);
+        self.samples = self.samples * keep + samples;
+        self.seconds = self.seconds * keep + render.as_secs_f64();
+    }
+
+    /// Pixel samples per second and slot, once measured.
+    pub fn speed(&self) -> Option<f64> {
+        (self.seconds > 0.0).then(|| self.samples / self.seconds)
+    }
 }
 
 /// Higher priority first, then who got least.
@@ -54,6 +78,7 @@ impl Job {
             charged,
             filed: None,
             speed: None,
+            pace: Pace::default(),
             leases: 0,
             units_done: 0,
             failures: 0,

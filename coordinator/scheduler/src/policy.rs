@@ -21,6 +21,9 @@ const UNITS_LEFT_PER_SLOT: f64 = 4.0;
 /// They shrink to this part of the target, not further: shorter ones cost more in messages than an uneven end does.
 const SHRINK_MAX: u32 = 16;
 
+/// Units of each slot that tell how fast the farm as a whole is.
+pub(crate) const UNITS_REMEMBERED: f64 = 4.0;
+
 /// Stands for the round trip until one was measured: a slow local network.
 pub(crate) const ROUND_TRIP_GUESS: Duration = Duration::from_millis(10);
 
@@ -148,13 +151,13 @@ pub(crate) fn window(
     slots + in_round_trip.clamp(least, slots * PREFETCH_PER_SLOT_MAX)
 }
 
-/// Samples per pixel of a tile of `area` pixels for a slot that renders `speed` pixel samples per second, when `left`
-/// pixel samples are left for `slots` slots. Nothing is known of the speed at first; then a unit is as small as can be.
-pub(crate) fn unit_samples(target: Duration, speed: Option<f64>, area: usize, left: u128, slots: u64) -> u64 {
+/// Samples per pixel of a tile of `area` pixels for a slot that renders `speed` pixel samples per second, when the whole
+/// farm will be done in `left` seconds. Nothing is known of the speed at first; then a unit is as small as can be.
+pub(crate) fn unit_samples(target: Duration, speed: Option<f64>, area: usize, left: Option<f64>) -> u64 {
     let Some(speed) = speed else { return LEAF_SAMPLES };
-    let seconds_left = left as f64 / (speed * slots.max(1) as f64);
     let shortest = target / SHRINK_MAX;
-    let seconds = (seconds_left / UNITS_LEFT_PER_SLOT).clamp(shortest.as_secs_f64(), target.as_secs_f64());
+    let seconds = left.unwrap_or(f64::INFINITY) / UNITS_LEFT_PER_SLOT;
+    let seconds = seconds.clamp(shortest.as_secs_f64(), target.as_secs_f64());
     (speed * seconds / area as f64) as u64
 }
 
@@ -176,11 +179,13 @@ mod tests {
 
     #[test]
     fn a_unit_takes_the_target_time_until_little_is_left() {
-        let samples = |speed, left| unit_samples(SECOND, speed, 100, left, 2);
-        assert_eq!(samples(Some(1e6), u128::MAX), 10_000);
-        assert_eq!(samples(Some(1e6), 4_000_000), 5_000, "two seconds are left for each slot, in four units");
-        assert_eq!(samples(Some(1e6), 1), 625);
-        assert_eq!(samples(None, u128::MAX), LEAF_SAMPLES);
+        let samples = |speed, left| unit_samples(SECOND, speed, 100, left);
+        assert_eq!(samples(Some(1e6), None), 10_000);
+        assert_eq!(samples(Some(1e6), Some(60.0)), 10_000);
+        assert_eq!(samples(Some(1e6), Some(2.0)), 5_000, "two seconds, in four units");
+        assert_eq!(samples(Some(1e5), Some(2.0)), 500, "as short a time for a slow worker");
+        assert_eq!(samples(Some(1e6), Some(0.0)), 625);
+        assert_eq!(samples(None, Some(60.0)), LEAF_SAMPLES);
     }
 
     #[test]

@@ -67,6 +67,7 @@ impl Scheduler {
             let render = policy::plausible(render);
             let samples = pixel_samples(&delivery.unit);
             job.speed = Some(policy::smooth(job.speed, samples / render.as_secs_f64()));
+            job.pace.measure(samples, render, self.slots);
             job.units_done += 1;
             job.render = job.render.saturating_add(render);
             if let Some(worker) = self.workers.get_mut(delivery.worker) {
