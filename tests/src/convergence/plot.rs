@@ -60,9 +60,9 @@ fn legend(area: &Area<'_>) -> Result<(), String> {
     Ok(())
 }
 
-/// The axes are labelled at powers of ten.
-fn power_of_ten(value: f64) -> String {
-    let decimals = -value.log10().round() as i32;
+/// Without an exponent where few zeros do; labels have one digit that is not zero.
+fn label(value: f64) -> String {
+    let decimals = -(value.log10() + 1e-9).floor() as i32;
     if decimals > 4 { format!("{value:.0e}") } else { format!("{value:.*}", decimals.max(0) as usize) }
 }
 
@@ -91,8 +91,10 @@ fn panel(area: &Area<'_>, outcome: &Outcome) -> Result<(), String> {
         .configure_mesh()
         .x_desc("CPU seconds")
         .y_desc("RMSE (radiance)")
-        .x_label_formatter(&|x| power_of_ten(*x))
-        .y_label_formatter(&|y| power_of_ten(*y))
+        .x_labels(5)
+        .y_labels(5)
+        .x_label_formatter(&|x| label(*x))
+        .y_label_formatter(&|y| label(*y))
         .label_style(("sans-serif", 14))
         .bold_line_style(RGBColor(200, 200, 200))
         .light_line_style(RGBColor(238, 238, 238))
