@@ -26,6 +26,8 @@ const RETRY_AFTER: Duration = Duration::from_secs(2);
 pub struct Claimed {
     /// As it was claimed.
     pub delivery: Delivery,
+    /// Name of whoever rendered it.
+    pub worker: String,
     /// Its sums.
     pub tile: FilmTile,
     /// The file they came in.

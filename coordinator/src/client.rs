@@ -166,6 +166,12 @@ impl Client {
         Ok(())
     }
 
+    /// Trusts a worker again.
+    pub async fn forgive(&mut self, name: String) -> Result<(), Fault> {
+        self.control.forgive(v1::ForgiveRequest { name }).await.map_err(fault)?;
+        Ok(())
+    }
+
     /// The file of a finished frame.
     pub async fn fetch(&mut self, job: JobId, frame: FrameIndex) -> Result<Vec<u8>, Fault> {
         let request = v1::FetchRequest { job: job.0, frame: frame.0 };

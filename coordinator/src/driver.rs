@@ -6,7 +6,7 @@ use crate::checkpoint::Spent;
 use crate::chronicle::Chronicle;
 use crate::clocks::Clocks;
 use crate::farm::{Arrived, Farm, Input, JobEvent, JobOrder, Overview, Submission};
-use crate::keeper::Keeper;
+use crate::keeper::{Keeper, Reopened};
 use crate::outputs::{self, Outputs};
 use crate::registry::Registry;
 use crate::store::{Fate, Store, StoreError};
@@ -35,7 +35,9 @@ pub fn start(store: Option<Arc<Store>>, verify: f64) -> std::io::Result<Farm> {
     // There are few reports per claimed partial or finished frame, and reports are small.
     let (report_sender, reports) = mpsc::unbounded_channel();
     let assembly = assembly::start(store.clone(), report_sender.clone())?;
-    let keeper = store.clone().map(|store| Keeper::start(store, assembly.clone(), report_sender.clone()));
+    let keeper = store
+        .clone()
+        .map(|store| Keeper::start(store, verify > 0.0, assembly.clone(), report_sender.clone()));
     let (inputs, receiver) = mpsc::channel(INPUTS_MAX);
     // A restarted coordinator gives out other leases than before, so that late results find no wrong one.
     let first_lease = LeaseId(u64::from(fastrand::u32(..)) << 24 | 1);
@@ -152,6 +154,16 @@ impl Driver {
             Input::Order { job, order, reply } => {
                 let _ = reply.send(self.order(job, order).await);
             }
+            Input::Recall(reputation) => self.handle(Event::ReputationRecalled(reputation)),
+            Input::Forgive { name, reply } => {
+                let known = self.scheduler.reputation().knows(&name);
+                if known {
+                    self.chronicle.note(None, format!("worker {name} is trusted again"));
+                    self.handle(Event::WorkerForgiven { name });
+                    self.remember(oneshot::channel().0);
+                }
+                let _ = reply.send(known);
+            }
             Input::Forget { job, done } => {
                 self.jobs.remove(&job);
                 self.handle(Event::JobForgotten { job });
@@ -234,6 +246,7 @@ impl Driver {
                 Verdict::Wanted => {
                     let claimed = Claimed {
                         delivery,
+                        worker: self.name(worker).to_owned(),
                         tile: checked.tile,
                         partial_exr: result.partial_exr,
                         spent: Spent { counters: checked.counters, busy: result.render, cpu: result.cpu },
@@ -274,7 +287,7 @@ impl Driver {
     }
 
     async fn submit(&mut self, submission: Submission) {
-        let Submission { job, spec, outputs, listener, finished, durable } = submission;
+        let Submission { job, spec, outputs, listener, finished, durable, origins } = submission;
         let known = Job {
             spec: spec.clone(),
             tally: Tally::default(),
@@ -297,6 +310,7 @@ impl Driver {
         }
         let spec = Box::new((*spec).clone());
         self.handle(Event::JobSubmitted { job, spec, finished, durable: units });
+        self.handle(Event::OriginsRecalled { job, origins });
         if !self.trouble.is_empty() {
             self.handle(Event::JobPaused { job });
         }
@@ -417,6 +431,9 @@ impl Driver {
                 if let (Ok(summary), Some(job)) = (&outcome, self.jobs.get_mut(&id)) {
                     job.written.insert(FrameIndex(summary.frame));
                     self.chronicle.note(Some(id), format!("frame {} is written", summary.frame));
+                    if let Some(keeper) = &self.keeper {
+                        keeper.finished(id, FrameIndex(summary.frame));
+                    }
                 }
                 let event = match outcome {
                     Ok(summary) => JobEvent::Frame(Box::new(summary)),
@@ -467,12 +484,13 @@ impl Driver {
                 let name = self.name(worker);
                 self.chronicle
                     .note(None, format!("worker {name} is in quarantine for {seconds} s: {reason}"));
+                self.remember(oneshot::channel().0);
             }
-            Action::Distrust { worker, reason } => {
-                let name = self.workers.get(&worker).map(|known| known.name.as_str()).unwrap_or_default();
-                error!(%worker, name, %reason, "worker delivers wrong results; it gets nothing any more");
+            Action::Distrust { name, reason } => {
+                error!(name, %reason, "worker delivers wrong results; it gets nothing any more");
                 self.chronicle
                     .note(None, format!("worker {name} delivers wrong results and gets nothing any more"));
+                self.remember(oneshot::channel().0);
             }
             Action::Reopened { job, frame, tiles, finished } => {
                 warn!(%job, %frame, tiles = tiles.len(), "a worker that delivers wrong results had a hand in this; rendering it again");
@@ -500,11 +518,19 @@ impl Driver {
             // Its job may have been closed.
             let open = Task::Open(id, Arc::new(job.spec.clone()), job.outputs.clone());
             let _ = self.assembly.send(open).await;
-            let _ = self.assembly.send(Task::Withdraw(id, frame)).await;
-        } else if let Some(keeper) = &self.keeper {
-            keeper.reopen(id, frame, tiles);
-        } else {
-            let _ = self.assembly.send(Task::Reopen(id, frame, tiles)).await;
+        }
+        if let Some(keeper) = &self.keeper {
+            keeper.reopen(Reopened { job: id, frame, tiles, finished });
+            return;
+        }
+        let task = if finished { Task::Withdraw(id, frame) } else { Task::Reopen(id, frame, tiles) };
+        let _ = self.assembly.send(task).await;
+    }
+
+    /// Keeps what is known of workers, and says so.
+    fn remember(&self, done: oneshot::Sender<()>) {
+        if let Some(keeper) = &self.keeper {
+            keeper.remember(self.scheduler.reputation(), done);
         }
     }
 

@@ -13,7 +13,7 @@ use farm_film::{Counters, FilmTile, FrameIndex};
 use farm_job::{JobId, JobSpec, WorkerId};
 use farm_proto::convert::{FromWorker, Heartbeat, Hello, ToWorker, UnitResult};
 use farm_scene::SceneId;
-use farm_scheduler::Status;
+use farm_scheduler::{Origin, Reputation, Status};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -35,6 +35,10 @@ pub(crate) enum Input {
     Submit(Box<Submission>),
     /// Its owner has decided something.
     Order { job: JobId, order: JobOrder, reply: oneshot::Sender<bool> },
+    /// What was known of workers before the coordinator started.
+    Recall(Reputation),
+    /// Trust a worker again; whether it was not trusted, or had been in quarantine.
+    Forgive { name: String, reply: oneshot::Sender<bool> },
     /// Forget a job that has ended; answered when nothing more of it is on its way to the store.
     Forget { job: JobId, done: oneshot::Sender<()> },
     /// Let a worker finish what it holds and leave; whether it is known.
@@ -68,6 +72,8 @@ pub struct Submission {
     pub finished: Vec<FrameIndex>,
     /// Partials of other frames that are safe already.
     pub durable: Vec<(FrameIndex, Vec<(FilmTile, Counters)>)>,
+    /// Who delivered what of it, where that was kept.
+    pub origins: Vec<Origin>,
 }
 
 /// What the owner of a job may decide.
@@ -180,6 +186,18 @@ impl Farm {
         let (reply, done) = oneshot::channel();
         self.tell(Input::Order { job, order, reply }).await?;
         done.await.map_err(|_| Ending)
+    }
+
+    /// Recalls what was known of workers before the coordinator started.
+    pub async fn recall(&self, reputation: Reputation) -> Result<(), Ending> {
+        self.tell(Input::Recall(reputation)).await
+    }
+
+    /// Trusts a worker again; whether it was not trusted, or had been in quarantine.
+    pub async fn forgive(&self, name: String) -> Result<bool, Ending> {
+        let (reply, known) = oneshot::channel();
+        self.tell(Input::Forgive { name, reply }).await?;
+        known.await.map_err(|_| Ending)
     }
 
     /// Forgets a job that has ended. From then on nothing of it goes to the store.

@@ -5,7 +5,8 @@ use crate::assembly::{Claimed, Report, StorePart, Task};
 use crate::store::{Store, StoreError};
 use farm_film::{FrameIndex, Tile};
 use farm_job::JobId;
-use std::collections::{BTreeMap, VecDeque};
+use farm_scheduler::Reputation;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -25,8 +26,22 @@ const RETRY_AFTER: Duration = Duration::from_secs(1);
 
 enum Order {
     Keep(Box<Claimed>),
-    Reopen(JobId, FrameIndex, Vec<Tile>),
+    Reopen(Reopened),
+    Remember(Reputation, oneshot::Sender<()>),
+    Finished(JobId, FrameIndex),
     Discard(JobId, oneshot::Sender<()>),
+}
+
+/// What is rendered again.
+pub struct Reopened {
+    /// Whose.
+    pub job: JobId,
+    /// Which picture.
+    pub frame: FrameIndex,
+    /// Which part of it.
+    pub tiles: Vec<Tile>,
+    /// The frame was finished, and all of it is rendered again.
+    pub finished: bool,
 }
 
 /// Takes results that are to be kept.
@@ -36,9 +51,11 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// Starts to keep results in `store`, each of which goes on to `assembly` when it is durable.
+    /// Starts to keep results in `store`, each of which goes on to `assembly` when it is durable. `origins`: keep as well who
+    /// delivered them.
     pub fn start(
         store: Arc<Store>,
+        origins: bool,
         assembly: mpsc::Sender<Task>,
         reports: mpsc::UnboundedSender<Report>,
     ) -> Self {
@@ -52,6 +69,8 @@ impl Keeper {
             waiting: BTreeMap::new(),
             turns: VecDeque::new(),
             waiting_bytes: waiting_bytes.clone(),
+            origins,
+            noted: BTreeMap::new(),
             fails: false,
         };
         tokio::spawn(desk.run(orders));
@@ -70,9 +89,19 @@ impl Keeper {
         Ok(())
     }
 
-    /// Forgets what is kept of some tiles, which are rendered again, and lets the assembly forget it.
-    pub fn reopen(&self, job: JobId, frame: FrameIndex, tiles: Vec<Tile>) {
-        let _ = self.inbox.send(Order::Reopen(job, frame, tiles));
+    /// Forgets what is kept of some tiles, or of a finished frame, and lets the assembly forget it.
+    pub fn reopen(&self, reopened: Reopened) {
+        let _ = self.inbox.send(Order::Reopen(reopened));
+    }
+
+    /// Keeps what is known of workers, before anything that is asked later; says when it is durable.
+    pub fn remember(&self, reputation: Reputation, done: oneshot::Sender<()>) {
+        let _ = self.inbox.send(Order::Remember(reputation, done));
+    }
+
+    /// A frame is finished: nothing more of it comes.
+    pub fn finished(&self, job: JobId, frame: FrameIndex) {
+        let _ = self.inbox.send(Order::Finished(job, frame));
     }
 
     /// Forgets all results of a job that was given up or forgotten; says when they are gone.
@@ -92,12 +121,17 @@ struct Desk {
     /// Frames of which results wait, the longest waiting first.
     turns: VecDeque<Key>,
     waiting_bytes: Arc<AtomicUsize>,
+    /// Whether it is kept who delivered what.
+    origins: bool,
+    /// What of that is durable already.
+    noted: BTreeMap<Key, BTreeSet<(Tile, String)>>,
     fails: bool,
 }
 
 /// A put that has ended.
 struct Ended {
     batch: Vec<Claimed>,
+    origins: Vec<(Tile, String)>,
     outcome: Result<(), StoreError>,
 }
 
@@ -123,15 +157,21 @@ impl Desk {
     async fn obey(&mut self, order: Order, puts: &mut JoinSet<Ended>) {
         match order {
             Order::Keep(claimed) => self.file(*claimed),
-            Order::Reopen(job, frame, tiles) => {
+            Order::Reopen(reopened) => {
                 self.catch_up(puts).await;
-                self.remove_tiles(job, frame, &tiles).await;
-                let _ = self.assembly.send(Task::Reopen(job, frame, tiles)).await;
+                self.reopen(reopened).await;
             }
+            Order::Remember(reputation, done) => {
+                let store = self.store.clone();
+                self.insist(|| store.put_reputation(&reputation)).await;
+                let _ = done.send(());
+            }
+            Order::Finished(job, frame) => drop(self.noted.remove(&(job, frame))),
             Order::Discard(job, done) => {
                 self.drop_waiting(job);
                 self.catch_up(puts).await;
                 self.store.remove_all_partials(job).await;
+                self.noted.retain(|key, _| key.0 != job);
                 let _ = done.send(());
             }
         }
@@ -153,13 +193,31 @@ impl Desk {
             && let Some(batch) = self.next_batch()
         {
             let pause = if self.fails { RETRY_AFTER } else { Duration::ZERO };
-            puts.spawn(put(self.store.clone(), batch, pause));
+            let origins = self.new_origins(&batch);
+            puts.spawn(put(self.store.clone(), batch, origins, pause));
         }
     }
 
-    /// What is left behind would be merged again after a restart; so it must go.
-    async fn remove_tiles(&mut self, job: JobId, frame: FrameIndex, tiles: &[Tile]) {
-        while let Err(error) = self.store.remove_tiles(job, frame, tiles).await {
+    /// What is left behind would be merged again, or taken for good, after a restart; so it must go. Who delivered it is
+    /// forgotten last.
+    async fn reopen(&mut self, Reopened { job, frame, tiles, finished }: Reopened) {
+        let store = self.store.clone();
+        self.noted.remove(&(job, frame));
+        // Partials of a finished frame may be there still, as it may not have been written yet.
+        self.insist(|| store.remove_tiles(job, frame, &tiles)).await;
+        if finished {
+            self.insist(|| store.remove_frame(job, frame)).await;
+            self.insist(|| store.remove_origins(job, frame, None)).await;
+            let _ = self.assembly.send(Task::Withdraw(job, frame)).await;
+        } else {
+            self.insist(|| store.remove_origins(job, frame, Some(&tiles))).await;
+            let _ = self.assembly.send(Task::Reopen(job, frame, tiles)).await;
+        }
+    }
+
+    /// Does something with the store until it is done, or until the store is another coordinator's.
+    async fn insist<F: Future<Output = Result<(), StoreError>>>(&mut self, act: impl Fn() -> F) {
+        while let Err(error) = act().await {
             if matches!(error, StoreError::TurnOver(_)) {
                 return;
             }
@@ -168,6 +226,27 @@ impl Desk {
             tokio::time::sleep(RETRY_AFTER).await;
         }
         self.works();
+    }
+
+    /// Who delivered what of a batch, as far as that is news.
+    fn new_origins(&self, batch: &[Claimed]) -> Vec<(Tile, String)> {
+        if !self.origins {
+            return Vec::new();
+        }
+        let key = (batch[0].delivery.job, batch[0].delivery.unit.frame);
+        let noted = self.noted.get(&key);
+        let all = batch.iter().map(|claimed| (claimed.delivery.unit.tile, claimed.worker.clone()));
+        let new: BTreeSet<_> =
+            all.filter(|origin| noted.is_none_or(|noted| !noted.contains(origin))).collect();
+        new.into_iter().collect()
+    }
+
+    /// What of this is durable is not noted again.
+    fn note_origins(&mut self, batch: &[Claimed], origins: Vec<(Tile, String)>) {
+        if let Some(first) = batch.first().filter(|_| !origins.is_empty()) {
+            let key = (first.delivery.job, first.delivery.unit.frame);
+            self.noted.entry(key).or_default().extend(origins);
+        }
     }
 
     fn works(&mut self) {
@@ -216,10 +295,11 @@ impl Desk {
         Some(batch)
     }
 
-    async fn ended(&mut self, Ended { batch, outcome }: Ended) {
+    async fn ended(&mut self, Ended { batch, origins, outcome }: Ended) {
         match outcome {
             Ok(()) => {
                 self.works();
+                self.note_origins(&batch, origins);
                 for claimed in batch {
                     self.waiting_bytes.fetch_sub(claimed.partial_exr.len(), Ordering::Relaxed);
                     let _ = self.assembly.send(Task::Add(Box::new(claimed))).await;
@@ -236,11 +316,17 @@ impl Desk {
     }
 }
 
-async fn put(store: Arc<Store>, batch: Vec<Claimed>, pause: Duration) -> Ended {
+async fn put(store: Arc<Store>, batch: Vec<Claimed>, origins: Vec<(Tile, String)>, pause: Duration) -> Ended {
     tokio::time::sleep(pause).await;
     let (job, frame) = (batch[0].delivery.job, batch[0].delivery.unit.frame);
     let partials: Vec<_> =
         batch.iter().map(|claimed| (&claimed.delivery.unit, claimed.partial_exr.clone())).collect();
-    let outcome = store.put_partials(job, frame, &partials).await;
-    Ended { batch, outcome }
+    let outcome = async {
+        // Nothing is there of which it is not known whose it is.
+        if !origins.is_empty() {
+            store.put_origins(job, frame, &origins).await?;
+        }
+        store.put_partials(job, frame, &partials).await
+    };
+    Ended { outcome: outcome.await, origins, batch }
 }

@@ -8,10 +8,12 @@ use crate::outputs::Outputs;
 use crate::service::{ControlService, Listener, UploadLimits};
 use crate::signals::Signals;
 use crate::store::{Patience, Store, StoreError, StoreLocation, StoredJob};
-use farm_film::{Counters, FilmTile, FrameIndex};
-use farm_job::JobState;
+use farm_film::{Counters, FilmTile, FrameIndex, Tile};
+use farm_job::{JobId, JobState};
+use farm_scheduler::Origin;
 use farm_worker::cli::Fault;
 use farm_worker::frames::partial_header;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use tracing::{info, warn};
 
@@ -52,6 +54,8 @@ async fn serve_from(
     let listener = Listener::bind(doors).await?;
     let farm = driver::start(Some(store.clone()), verify)
         .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
+    let reputation = store.reputation().await.map_err(Fault::failed)?;
+    farm.recall(reputation).await.map_err(Fault::failed)?;
     let jobs = restore_all(&farm, &store).await.map_err(Fault::failed)?;
     eprintln!("listening on {}", listener.address());
     announce(&doors.security, listener.address())?;
@@ -105,6 +109,7 @@ pub async fn restore(farm: &Farm, store: &Store, record: &StoredJob) -> Result<(
 /// What is there of a job.
 async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, StoreError> {
     let (job, spec) = (record.job, record.spec.clone());
+    let origins = honest_origins(store, job).await?;
     let finished = store.finished_frames(job).await?;
     let mut durable = Vec::new();
     for frame in store.begun_frames(job).await? {
@@ -119,7 +124,33 @@ async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, Sto
         }
     }
     let outputs = Outputs::Store { scene_name: spec.name.clone() };
-    Ok(Submission { job, spec, outputs, listener: None, finished: finished.into_iter().collect(), durable })
+    let finished = finished.into_iter().collect();
+    Ok(Submission { job, spec, outputs, listener: None, finished, durable, origins })
+}
+
+/// Who delivered what of a job. What is still there from workers whose results were wrong goes first: the former life ended in
+/// between.
+async fn honest_origins(store: &Store, job: JobId) -> Result<Vec<Origin>, StoreError> {
+    let mut origins = store.origins(job).await?;
+    let liars = if origins.is_empty() { BTreeSet::new() } else { store.reputation().await?.distrusted };
+    let mut tainted: BTreeMap<FrameIndex, Vec<Tile>> = BTreeMap::new();
+    for origin in origins.iter().filter(|origin| liars.contains(&origin.name)) {
+        tainted.entry(origin.frame).or_default().push(origin.tile);
+    }
+    let finished = if tainted.is_empty() { BTreeSet::new() } else { store.finished_frames(job).await? };
+    for (frame, tiles) in tainted {
+        let whole = finished.contains(&frame);
+        warn!(%job, %frame, tiles = tiles.len(), "a worker that delivers wrong results had a hand in this; rendering it again");
+        if whole {
+            store.remove_partials(job, frame).await;
+            store.remove_frame(job, frame).await?;
+        } else {
+            store.remove_tiles(job, frame, &tiles).await?;
+        }
+        store.remove_origins(job, frame, (!whole).then_some(&tiles)).await?;
+        origins.retain(|origin| origin.frame != frame || !(whole || tiles.contains(&origin.tile)));
+    }
+    Ok(origins)
 }
 
 /// Partials of a frame that belong to it; others, as of an older renderer, are rendered again.
@@ -142,3 +173,7 @@ async fn partials(
     }
     Ok(partials)
 }
+
+#[cfg(test)]
+#[path = "serve_tests.rs"]
+mod tests;

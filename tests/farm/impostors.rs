@@ -1,6 +1,7 @@
 //! Workers that send what they should not: damaged, malformed, of something else, or plainly wrong. The picture is the same.
 
 use crate::harness::{Place, joining, render, run, serving};
+use crate::server::{self, Server};
 use farm_film::{FilmTile, Tile, WorkUnit};
 use farm_image::{PartialHeader, encode_partial};
 use farm_job::JobSpec;
@@ -161,5 +162,50 @@ fn a_liar_is_found_and_all_it_delivered_is_rendered_again() {
     let said = coordinator.wait();
     assert_eq!(said.digest(), expected);
     assert!(said.stderr.contains("rendering it again"), "{}", said.stderr);
+    liar.join().unwrap();
+}
+
+#[test]
+fn a_restart_does_not_hide_a_liar() {
+    let place = Place::new();
+    let serve = |listen: &str| {
+        let mut command = Server::command(listen, place.path("store").to_str().unwrap());
+        command.args(["--verify", "0.5"]).env("FARM_LOG", "info,farm_coordinator=debug");
+        Server::from_command(command)
+    };
+    let mut server = serve("127.0.0.1:0");
+    let address = server.address.clone();
+    let job = server.submit(&place, &server::PICTURE);
+    // Alone, it is compared with nobody.
+    let liar = impostor(&address, "liar", lie);
+    server.running.wait_for("a lie", |said| said.contains("unit accepted").then_some(()));
+    server.running.kill();
+    liar.join().unwrap();
+
+    let mut server = serve(&address);
+    assert!(server.samples_done(&job) > 0);
+    let _honest: Vec<_> = ["ann", "bob"].map(|name| joining(&address, name)).into();
+    server.running.wait_for("the honest ones", |said| {
+        (said.contains("name=ann") && said.contains("name=bob")).then_some(())
+    });
+    let liar = impostor(&address, "liar", lie);
+    server.running.wait_for("the verdict", |said| said.contains("delivers wrong results").then_some(()));
+    server.running.wait_for("a consequence", |said| said.contains("rendering it again").then_some(()));
+
+    // Killed at once: what follows from the verdict is still done, and the liar is known.
+    server.running.kill();
+    liar.join().unwrap();
+    let server = serve(&address);
+    let liar = impostor(&address, "liar", lie);
+    assert_eq!(server.difference(&place, &job), 0.0, "also what it delivered before anybody suspected it");
+    let workers = server.ask(&["workers"]).json();
+    let state = |name: &str| {
+        let found = workers.as_array().unwrap().iter().find(|worker| worker["name"] == name);
+        found.unwrap_or_else(|| panic!("{name} in {workers}"))["state"].as_str().unwrap().to_owned()
+    };
+    assert!(state("liar").contains("distrusted") && !state("ann").contains("distrusted"), "{workers}");
+    assert!(server.ask(&["forgive", "liar"]).status.success());
+    assert_eq!(server.ask(&["forgive", "ann"]).status.code(), Some(2));
+    drop(server);
     liar.join().unwrap();
 }

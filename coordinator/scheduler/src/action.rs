@@ -91,7 +91,7 @@ pub enum Action {
         /// Why.
         fault: JobFault,
     },
-    /// The worker gets nothing until then. For the log; it stays connected.
+    /// The worker gets nothing until then; it stays connected. To be remembered: [`crate::Scheduler::reputation`].
     Quarantine {
         /// Who.
         worker: WorkerId,
@@ -100,10 +100,11 @@ pub enum Action {
         /// The last thing that went wrong.
         reason: String,
     },
-    /// The worker's results are wrong, and it gets nothing any more. For the log; what it had a hand in is opened again.
+    /// A worker's results are wrong, and it gets nothing any more, over whatever connection. What it had a hand in is
+    /// [`Action::Reopened`] after this. To be remembered: [`crate::Scheduler::reputation`].
     Distrust {
-        /// Who.
-        worker: WorkerId,
+        /// Names it across connections.
+        name: String,
         /// How that was seen.
         reason: String,
     },

@@ -1,6 +1,7 @@
 //! What happened.
 
-use farm_film::{FrameIndex, WorkUnit};
+use crate::health::Reputation;
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{Digest, JobId, JobSpec, LeaseId, WorkerId};
 use std::time::Duration;
 
@@ -19,6 +20,17 @@ pub struct Delivery {
     pub digest: Digest,
 }
 
+/// Somebody delivered something of a tile.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Origin {
+    /// Which picture.
+    pub frame: FrameIndex,
+    /// Which part of it.
+    pub tile: Tile,
+    /// Names the worker across connections.
+    pub name: String,
+}
+
 /// What happened in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
@@ -33,6 +45,20 @@ pub enum Event {
         finished: Vec<FrameIndex>,
         /// Partials that are already durable, in any order; what is no part of the job is ignored.
         durable: Vec<WorkUnit>,
+    },
+    /// Who delivered what of a job before the coordinator started; comes after [`Event::JobSubmitted`].
+    OriginsRecalled {
+        /// Which one.
+        job: JobId,
+        /// In any order; what is no part of the job is ignored.
+        origins: Vec<Origin>,
+    },
+    /// What was known of workers before the coordinator started.
+    ReputationRecalled(Reputation),
+    /// Trust a worker again that was not trusted, or was in quarantine.
+    WorkerForgiven {
+        /// Names it across connections.
+        name: String,
     },
     /// Give out nothing more of the job for now.
     JobPaused {

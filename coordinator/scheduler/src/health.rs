@@ -4,6 +4,34 @@ use crate::{Timestamp, policy};
 use farm_job::JobId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Duration;
+
+/// What is to be remembered of workers when the coordinator starts again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Reputation {
+    /// Names of those whose results were wrong.
+    pub distrusted: BTreeSet<String>,
+    /// Those that were in quarantine of late.
+    pub quarantined: Vec<Quarantined>,
+}
+
+impl Reputation {
+    /// Whether there is anything to be said of a worker.
+    pub fn knows(&self, name: &str) -> bool {
+        self.distrusted.contains(name) || self.quarantined.iter().any(|quarantined| quarantined.name == name)
+    }
+}
+
+/// A worker that is, or was, in quarantine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Quarantined {
+    /// Names it across connections.
+    pub name: String,
+    /// Quarantines so far.
+    pub times: u32,
+    /// Time until it is forgiven; zero when it is.
+    pub left: Duration,
+}
 
 /// What each worker has done wrong lately.
 #[derive(Debug, Default)]
@@ -44,6 +72,36 @@ impl Health {
     /// Never trusts a worker again.
     pub fn distrust(&mut self, name: Arc<str>) {
         self.liars.insert(name);
+    }
+
+    /// What is to be remembered.
+    pub fn reputation(&self, now: Timestamp) -> Reputation {
+        let quarantined = self.records.iter().filter(|(_, record)| record.quarantines > 0);
+        let quarantined = quarantined.map(|(name, record)| Quarantined {
+            name: name.to_string(),
+            times: record.quarantines,
+            left: record.until.map(|until| until.since(now)).unwrap_or_default(),
+        });
+        Reputation {
+            distrusted: self.liars.iter().map(|name| name.to_string()).collect(),
+            quarantined: quarantined.collect(),
+        }
+    }
+
+    /// Remembers what was known in a former life.
+    pub fn recall(&mut self, reputation: Reputation, now: Timestamp) {
+        self.liars.extend(reputation.distrusted.into_iter().map(Arc::from));
+        for Quarantined { name, times, left } in reputation.quarantined {
+            let record = self.records.entry(name.into()).or_default();
+            record.quarantines = times;
+            record.until = (!left.is_zero()).then(|| now.after(left));
+        }
+    }
+
+    /// Trusts a worker as one that was never seen; whether it was not trusted, or had been in quarantine.
+    pub fn forgive(&mut self, name: &str) -> bool {
+        let known = self.records.remove(name).is_some_and(|record| record.quarantines > 0);
+        self.liars.remove(name) || known
     }
 
     /// Counts a success; after enough of them in a row the past is forgotten.
@@ -103,5 +161,36 @@ impl Health {
             }
         }
         freed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const JOB: JobId = JobId(1);
+
+    #[test]
+    fn a_reputation_outlives_its_scheduler() {
+        let (mut health, clumsy, liar) = (Health::default(), Arc::from("clumsy"), Arc::from("liar"));
+        let mut now = Timestamp::START;
+        let fail = |health: &mut Health, now| {
+            (0..policy::STRIKES).filter_map(|_| health.strike(&clumsy, JOB, false, now)).last().unwrap()
+        };
+        now = fail(&mut health, now);
+        health.pardon(now);
+        let until = fail(&mut health, now);
+        health.distrust(liar);
+        let half = now.after(until.since(now) / 2);
+        let mut heir = Health::default();
+        heir.recall(health.reputation(half), Timestamp::START);
+        assert!(heir.is_liar("liar") && !heir.is_trusted("clumsy"));
+        let left = until.since(half);
+        assert_eq!(heir.quarantined_until("clumsy"), Some(Timestamp::START.after(left)));
+        assert!(heir.pardon(Timestamp::START.after(left)) && heir.is_trusted("clumsy"));
+        let next = fail(&mut heir, now);
+        assert_eq!(next.since(now), policy::quarantine(2), "the third one is longer than the second");
+        assert!(heir.forgive("liar") && heir.forgive("clumsy") && !heir.forgive("honest"));
+        assert!(heir.is_trusted("liar") && heir.is_trusted("clumsy"));
     }
 }

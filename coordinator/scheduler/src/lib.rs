@@ -35,7 +35,8 @@ mod verify;
 mod worker;
 
 pub use action::{Action, JobFault, WhyDisconnect};
-pub use event::{Delivery, Event};
+pub use event::{Delivery, Event, Origin};
+pub use health::{Quarantined, Reputation};
 pub use policy::{Config, HEARTBEAT, LEASE_TTL, TARGET_UNIT};
 pub use results::Verdict;
 pub use scheduler::Scheduler;

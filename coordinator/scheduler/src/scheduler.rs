@@ -1,6 +1,6 @@
 //! The state machine: takes events in, and sends each to the part that it concerns.
 
-use crate::health::Health;
+use crate::health::{Health, Reputation};
 use crate::job::Jobs;
 use crate::lease::{Lease, Leases, Work};
 use crate::piece::PieceKey;
@@ -59,6 +59,15 @@ impl Scheduler {
             Event::JobSubmitted { job, spec, finished, durable } => {
                 self.job_submitted(job, &spec, &finished, &durable);
             }
+            Event::OriginsRecalled { job, origins } => self.recall_origins(job, &origins),
+            Event::ReputationRecalled(reputation) => {
+                self.health.recall(reputation, self.now);
+                self.refile_workers();
+            }
+            Event::WorkerForgiven { name } => {
+                self.health.forgive(&name);
+                self.refile_workers();
+            }
             Event::JobPaused { job } => self.set_state(job, JobState::Running, JobState::Paused),
             Event::JobResumed { job } => self.set_state(job, JobState::Paused, JobState::Running),
             Event::JobCancelled { job } => self.job_cancelled(job),
@@ -84,6 +93,11 @@ impl Scheduler {
         self.dispatch();
         self.waive_checks();
         self.forget_dismissed();
+    }
+
+    /// What is to be remembered of workers.
+    pub fn reputation(&self) -> Reputation {
+        self.health.reputation(self.now)
     }
 
     /// The next thing to do; none when all is done.

@@ -7,7 +7,7 @@ use crate::checks::{Settled, Vote};
 use crate::lease::Work;
 use crate::provenance::Tainted;
 use crate::worker::Worker;
-use crate::{Action, Delivery, Scheduler};
+use crate::{Action, Delivery, Origin, Scheduler};
 use farm_film::{Tile, WorkUnit};
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,6 +26,21 @@ impl Scheduler {
         if chosen {
             job.checks.begin(delivery.unit, name.clone(), delivery.digest);
         }
+    }
+
+    /// Notes who delivered something of a tile, or of a frame that is finished, before the coordinator started.
+    pub(crate) fn recall_origins(&mut self, id: JobId, origins: &[Origin]) {
+        let Some(job) = self.jobs.get_mut(id).filter(|_| self.config.verify > 0.0) else { return };
+        let mut frames = BTreeSet::new();
+        for Origin { frame, tile, name } in origins {
+            let plan = job.queue.plan();
+            let place = plan.frame_position(*frame).zip(plan.tile_position(*tile));
+            let Some((position, tile)) = place else { continue };
+            job.provenance.add(position, tile, name.as_str().into());
+            frames.insert(position);
+        }
+        let finished = frames.into_iter().filter(|position| job.queue.is_complete(*position));
+        finished.for_each(|position| job.provenance.finish(position));
     }
 
     /// Takes a result that is not needed as a vote on one that is there; whether it was one.
@@ -61,8 +76,8 @@ impl Scheduler {
         let reason = format!("it rendered {unit} otherwise than two others");
         let named = self.workers.by_id.iter().filter(|(_, worker)| worker.name == *liar);
         let connections: Vec<WorkerId> = named.map(|(id, _)| *id).collect();
+        self.actions.push_back(Action::Distrust { name: liar.to_string(), reason });
         for worker in connections {
-            self.actions.push_back(Action::Distrust { worker, reason: reason.clone() });
             let held = self.workers.get(worker).map(|worker| worker.leases.clone()).unwrap_or_default();
             held.into_iter().for_each(|lease| self.take_back(lease));
         }

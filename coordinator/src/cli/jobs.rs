@@ -88,6 +88,15 @@ pub struct DrainArgs {
     connect: ConnectArgs,
 }
 
+/// Trust a worker again that delivered wrong results or is in quarantine, once its machine is repaired
+#[derive(Clone, Debug, clap::Args)]
+pub struct ForgiveArgs {
+    /// What the worker calls itself
+    name: String,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
 /// Fetch finished frames
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
@@ -184,6 +193,11 @@ pub fn workers(args: &ConnectArgs) -> Result<(), Fault> {
 /// Sends a worker home.
 pub fn drain(args: &DrainArgs) -> Result<(), Fault> {
     super::block_on(async { args.connect.client().await?.drain(WorkerId(args.worker)).await })
+}
+
+/// Trusts a worker again.
+pub fn forgive(args: &ForgiveArgs) -> Result<(), Fault> {
+    super::block_on(async { args.connect.client().await?.forgive(args.name.clone()).await })
 }
 
 /// Writes finished frames to files of one's own.

@@ -63,6 +63,7 @@ enum Command {
     /// Show who is connected
     Workers(jobs::ConnectArgs),
     Drain(jobs::DrainArgs),
+    Forgive(jobs::ForgiveArgs),
     Fetch(jobs::FetchArgs),
     Token(token::TokenArgs),
 }
@@ -95,6 +96,7 @@ impl Settings {
             Command::Forget(args) => jobs::forget(&args),
             Command::Workers(args) => jobs::workers(&args),
             Command::Drain(args) => jobs::drain(&args),
+            Command::Forgive(args) => jobs::forgive(&args),
             Command::Fetch(args) => jobs::fetch(&args),
             Command::Token(args) => token::run(&args),
         }

@@ -151,6 +151,7 @@ async fn render(args: RenderArgs, plan: OutputPlan, folder: Option<Folder>) -> R
         listener: Some(listener),
         finished: Vec::new(),
         durable: Vec::new(),
+        origins: Vec::new(),
     };
     farm.submit(submission).await.map_err(Fault::failed)?;
     let (_orders, local) = match args.no_local_worker {

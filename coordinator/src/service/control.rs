@@ -251,8 +251,8 @@ impl Control for ControlService {
         let record = StoredJob { job, spec: spec.clone(), owner, state: JobState::Running, reason: None };
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(job, record);
         let outputs = Outputs::Store { scene_name: spec.name.clone() };
-        let submission =
-            Submission { job, spec, outputs, listener: None, finished: Vec::new(), durable: Vec::new() };
+        let (finished, durable, origins) = (Vec::new(), Vec::new(), Vec::new());
+        let submission = Submission { job, spec, outputs, listener: None, finished, durable, origins };
         self.farm.submit(submission).await.map_err(ending)?;
         Ok(Response::new(v1::SubmitResponse { job: job.0 }))
     }
@@ -354,6 +354,18 @@ impl Control for ControlService {
             return Err(Status::not_found(format!("there is no worker {worker}")));
         }
         Ok(Response::new(v1::DrainResponse {}))
+    }
+
+    async fn forgive(
+        &self,
+        request: Request<v1::ForgiveRequest>,
+    ) -> Result<Response<v1::ForgiveResponse>, Status> {
+        let name = request.into_inner().name;
+        if !self.farm.forgive(name.clone()).await.map_err(ending)? {
+            return Err(Status::not_found(format!("no worker called {name:?} has done anything wrong")));
+        }
+        info!(name, "trusted again");
+        Ok(Response::new(v1::ForgiveResponse {}))
     }
 
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {

@@ -87,9 +87,10 @@ enum Rule {
 }
 
 /// The services, and the methods that differ from the rest of their service.
-const RULES: [(&str, &str, Rule); 6] = [
+const RULES: [(&str, &str, Rule); 7] = [
     ("farm.v1.Enrolment", "Enrol", Rule::Anyone),
     ("farm.v1.Control", "Drain", Rule::Holders(Role::Admin)),
+    ("farm.v1.Control", "Forgive", Rule::Holders(Role::Admin)),
     ("farm.v1.Control", "*", Rule::Holders(Role::Submitter)),
     ("farm.v1.Farm", "*", Rule::Holders(Role::Worker)),
     ("grpc.health.v1.Health", "*", Rule::AnyHolder),
@@ -154,6 +155,7 @@ mod tests {
             ("/farm.v1.Control/Submit", [false, true, true]),
             ("/farm.v1.Control/Fetch", [false, true, true]),
             ("/farm.v1.Control/Drain", [false, false, true]),
+            ("/farm.v1.Control/Forgive", [false, false, true]),
             ("/grpc.health.v1.Health/Check", [true, true, true]),
             ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", [true, true, true]),
             ("/farm.v1.Enrolment/Enrol", [true, true, true]),

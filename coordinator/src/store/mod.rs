@@ -11,6 +11,8 @@
 //! jobs/<id>/partials/<frame>/*.exr     accepted results of frames that are not finished; under load several of them in
 //! jobs/<id>/partials/<frame>/*.tar     one object, as a put costs the same whatever its size
 //! jobs/<id>/frames/frame.####.exr      finished frames
+//! jobs/<id>/origins/<frame>/*.json     who delivered something of which tiles, where results are compared
+//! workers/<epoch>-<n>.json             whose results were wrong, and who is in quarantine; the latest counts
 //! ```
 //!
 //! Restart: list, read, continue. Every intermediate state opens in any EXR viewer, and `coordinator merge` takes the
@@ -21,6 +23,8 @@ mod batch;
 mod jobs;
 mod location;
 mod objects;
+mod origins;
+mod reputation;
 mod scenes;
 mod turn;
 

@@ -4,6 +4,8 @@ use farm_film::{Counters, SampleBlock, Tile};
 use farm_image::{PartialHeader, encode_partial};
 use farm_job::{Digest, FrameRange, JobSpec, JobState, Stop};
 use farm_scene::{Filter, Integrator, Settings};
+use farm_scheduler::{Quarantined, Reputation};
+use std::time::Duration;
 
 fn job(number: u64) -> StoredJob {
     let settings = Settings {
@@ -191,7 +193,7 @@ async fn a_coordinator_whose_turn_is_over_keeps_nothing_more() {
     assert!(refused.to_string().contains("taken over the store (process 7 on elsewhere)"), "{refused}");
     assert!(matches!(stale.put_fate(JobId(1), &job(1).fate()).await, Err(StoreError::TurnOver(_))));
     assert!(stale.lost().borrow().is_some());
-    tokio::time::sleep(std::time::Duration::from_millis(1100)).await;
+    tokio::time::sleep(Duration::from_millis(1100)).await;
     assert!(stale.put_frame(JobId(1), FrameIndex(2), Bytes::from("later")).await.is_err());
     assert!(!place.path().join("jobs/1/frames/frame.0002.exr").exists(), "it does not even try any more");
 }
@@ -226,4 +228,27 @@ async fn damage_is_noticed() {
     store.create_job(&job(1).spec, None).await.unwrap();
     std::fs::write(place.path().join("jobs/1/job.json"), b"{").unwrap();
     assert!(store.jobs().await.unwrap_err().to_string().contains("job.json"));
+}
+
+#[tokio::test]
+async fn what_is_known_of_workers_outlives_a_coordinator() {
+    let place = tempfile::tempdir().unwrap();
+    let known = |left| Reputation {
+        distrusted: BTreeSet::from(["liar".to_owned()]),
+        quarantined: vec![Quarantined { name: "clumsy".into(), times: 2, left: Duration::from_secs(left) }],
+    };
+    {
+        let store = open(&place).await;
+        assert_eq!(store.reputation().await.unwrap(), Reputation::default());
+        store.put_reputation(&known(0)).await.unwrap();
+        store.put_reputation(&known(3600)).await.unwrap();
+    }
+    let store = open(&place).await;
+    let found = store.reputation().await.unwrap();
+    let left = found.quarantined[0].left;
+    assert!(left > Duration::from_secs(3500) && left <= Duration::from_secs(3600), "{left:?}");
+    assert_eq!((found.distrusted, found.quarantined[0].times), (known(0).distrusted, 2));
+    store.put_reputation(&known(0)).await.unwrap();
+    assert_eq!(store.reputation().await.unwrap(), known(0));
+    assert_eq!(std::fs::read_dir(place.path().join("workers")).unwrap().count(), 1);
 }

@@ -2,9 +2,10 @@
 
 use super::farm::{A, B, C, Farm, Held, JOB, delivery};
 use super::{spec, wrong};
-use crate::{Action, Config, Event, Verdict, WhyIdle};
-use farm_film::FrameIndex;
+use crate::{Action, Config, Event, Origin, Reputation, Verdict, WhyIdle};
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobSpec, JobState};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 fn tiles_job(tiles: u32, frames: &str) -> JobSpec {
@@ -63,10 +64,56 @@ fn third_worker_tells_who_lies_and_all_that_came_from_there_is_rendered_again() 
     assert_eq!(status.samples_done, status.samples);
     assert!(status.units_done > 6, "what the liar delivered was delivered again");
     let reason = farm.news.iter().find_map(|action| match action {
-        Action::Distrust { worker: B, reason } => Some(reason.clone()),
+        Action::Distrust { name, reason } => Some((name.as_str(), reason.as_str())),
         _ => None,
     });
-    assert!(reason.unwrap().contains("otherwise than two others"));
+    let (name, reason) = reason.unwrap();
+    assert!(name == "B" && reason.contains("otherwise than two others"), "{name}: {reason}");
+    assert_eq!(farm.scheduler.reputation().distrusted, BTreeSet::from(["B".to_owned()]));
+    farm.tell(Event::WorkerForgiven { name: "B".to_owned() });
+    assert_eq!(distrusted(&farm), []);
+}
+
+#[test]
+fn what_a_liar_delivered_before_a_restart_is_rendered_again() {
+    let unit = |frame, x| WorkUnit {
+        frame: FrameIndex(frame),
+        tile: Tile::new(x, 0, x + 8, 8).unwrap(),
+        block: super::farm::block(0..16),
+    };
+    let origin =
+        |unit: &WorkUnit, name: &str| Origin { frame: unit.frame, tile: unit.tile, name: name.into() };
+    // Of frame 0 everything was there, of frame 1 the first two tiles.
+    let durable = vec![unit(0, 0), unit(0, 8), unit(0, 16), unit(1, 0), unit(1, 8)];
+    let mut farm = Farm::verifying(0).restarted_with(tiles_job(3, "0-1"), durable);
+    let origins = vec![
+        origin(&unit(0, 0), "A"),
+        origin(&unit(0, 8), "B"),
+        origin(&unit(1, 0), "B"),
+        origin(&unit(1, 8), "A"),
+        origin(&unit(7, 0), "B"),
+    ];
+    farm.tell(Event::OriginsRecalled { job: JOB, origins });
+    for worker in [A, B, C] {
+        farm.join(worker, 1);
+    }
+    finish_all_but(&mut farm, &[B]);
+    let (mut again, expected) = (reopened(&farm), [(FrameIndex(0), 3, true), (FrameIndex(1), 1, false)]);
+    again.sort();
+    assert!(expected.iter().all(|frame| again.contains(frame)), "{again:?}");
+    farm.expect_state(JOB, JobState::Done);
+}
+
+#[test]
+fn a_liar_of_a_former_life_gets_nothing() {
+    let mut farm = Farm::with_workers(0).submit(tiles_job(2, "0"));
+    let distrusted = BTreeSet::from(["B".to_owned()]);
+    farm.tell(Event::ReputationRecalled(Reputation { distrusted, quarantined: Vec::new() }));
+    farm.join(B, 1);
+    assert_eq!(farm.held, []);
+    assert_eq!(farm.job(JOB).why_idle, Some(WhyIdle::Distrusted));
+    farm.join(A, 1);
+    assert!(!farm.held_by(A).is_empty());
 }
 
 #[test]
