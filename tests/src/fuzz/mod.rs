@@ -37,7 +37,7 @@ pub const TARGETS: [Target; 9] = [
     Target { name: "partial", corpus: images::partials, decode: images::decode_partial },
     Target { name: "snapshot", corpus: scenes::snapshots, decode: scenes::decode_snapshot },
     Target { name: "gltf", corpus: scenes::documents, decode: scenes::decode_document },
-    Target { name: "glb", corpus: scenes::containers, decode: scenes::decode_document },
+    Target { name: "glb", corpus: scenes::containers, decode: scenes::decode_container },
     Target { name: "picture", corpus: images::pictures, decode: images::decode_picture },
     Target { name: "texture", corpus: images::textures, decode: images::decode_texture },
     Target { name: "environment", corpus: images::environments, decode: images::decode_environment },
