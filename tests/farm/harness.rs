@@ -138,6 +138,12 @@ impl Running {
         }
     }
 
+    /// What other users of the host see of it: its arguments, one line each.
+    pub fn arguments(&self) -> String {
+        let line = std::fs::read(format!("/proc/{}/cmdline", self.child.id())).unwrap();
+        String::from_utf8(line).unwrap().replace('\0', "\n")
+    }
+
     pub fn is_running(&mut self) -> bool {
         self.child.try_wait().unwrap().is_none()
     }

@@ -1,8 +1,10 @@
 //! Stories of the farm, told by the real programs over loopback.
 
 mod bad_input;
+mod beyond_loopback;
 mod bucket;
 mod by_hand;
+mod certificates;
 mod closed;
 mod durability;
 mod error;
@@ -11,6 +13,7 @@ mod impostors;
 mod intruders;
 mod owners;
 mod same_bits;
+mod secrets;
 mod server;
 mod serving;
 mod strangers;

@@ -58,7 +58,8 @@ fn garbage_on_the_line_harms_nobody() {
         let _ = line.write_all(&garbage);
     }
     let _worker = joining(&address, "friend");
-    assert!(coordinator.wait().status.success());
+    let said = coordinator.wait();
+    assert!(said.status.success() && said.stderr.contains("what it says is no HTTP/2"), "{}", said.stderr);
 }
 
 /// A coordinator of another version, as a worker meets it.

@@ -2,7 +2,8 @@
 
 use crate::files::{self, TrustError};
 use crate::holder;
-use crate::tls::{self, SERVER_NAME};
+use crate::own_certificate::OwnCertificate;
+use crate::tls;
 use crate::{Fingerprint, Identity, Role, TokenBook, TokenId};
 use rcgen::{
     BasicConstraints, CertificateParams, CertificateSigningRequestParams, DnType, ExtendedKeyUsagePurpose,
@@ -10,20 +11,21 @@ use rcgen::{
 };
 use rustls::ServerConfig;
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, CertificateSigningRequestDer, PrivateKeyDer};
+use rustls::pki_types::{CertificateDer, CertificateSigningRequestDer};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 const DAY: Duration = Duration::from_secs(24 * 3600);
 
 /// Clocks of a farm's hosts may be apart by this much.
-const CLOCKS_APART: Duration = DAY;
+pub(crate) const CLOCKS_APART: Duration = DAY;
 
 /// A farm outlives its hosts.
 const AUTHORITY_LIFETIME: Duration = DAY.saturating_mul(3650);
 
-/// A certificate is renewed long before, by whoever still uses it.
-const HOLDER_LIFETIME: Duration = DAY.saturating_mul(90);
+/// How long a certificate is good; it is renewed long before, by whoever still uses it.
+pub const HOLDER_LIFETIME: Duration = DAY.saturating_mul(90);
 
 /// Longest request that is looked at: a key and a signature take a few hundred bytes.
 const REQUEST_BYTES_MAX: usize = 16 << 10;
@@ -32,7 +34,7 @@ const REQUEST_BYTES_MAX: usize = 16 << 10;
 pub struct Authority {
     folder: PathBuf,
     certificate: CertificateDer<'static>,
-    issuer: Issuer<'static, KeyPair>,
+    issuer: Arc<Issuer<'static, KeyPair>>,
     tokens: TokenBook,
 }
 
@@ -65,8 +67,8 @@ impl Authority {
         let issuer = Issuer::from_ca_cert_der(&certificate, key)
             .map_err(|err| TrustError::damaged(&certificate_path, err))?;
         let tokens = TokenBook::open(&folder.join("tokens"))?;
-        let authority = Self { folder: folder.to_owned(), certificate, issuer, tokens };
-        authority.provide_admin()?;
+        let authority = Self { folder: folder.to_owned(), certificate, issuer: Arc::new(issuer), tokens };
+        authority.keep_admin()?;
         Ok(authority)
     }
 
@@ -100,7 +102,7 @@ impl Authority {
         String::from_utf8(files::read(&self.folder.join("address")).ok()??).ok()
     }
 
-    /// Certifies the key of a signing request, and nothing else of what the request asks for.
+    /// Certifies the key of a signing request for `lifetime` from now on, and nothing else of what the request asks for.
     ///
     /// # Errors
     /// When it is no request, or not signed with the key that it is for.
@@ -109,17 +111,12 @@ impl Authority {
         request: &[u8],
         role: Role,
         token: TokenId,
+        lifetime: Duration,
     ) -> Result<CertificateDer<'static>, TrustError> {
-        self.certify_for(
-            request,
-            role,
-            token,
-            SystemTime::now() - CLOCKS_APART,
-            HOLDER_LIFETIME + CLOCKS_APART,
-        )
+        self.certify_from(request, role, token, SystemTime::now() - CLOCKS_APART, lifetime + CLOCKS_APART)
     }
 
-    fn certify_for(
+    fn certify_from(
         &self,
         request: &[u8],
         role: Role,
@@ -136,35 +133,29 @@ impl Authority {
         let name = holder::name(role, token);
         let uri = SanType::URI(name.as_str().try_into().map_err(TrustError::certificate)?);
         request.params = leaf(role.name(), uri, ExtendedKeyUsagePurpose::ClientAuth, from, lifetime);
-        let certificate = request.signed_by(&self.issuer).map_err(TrustError::certificate)?;
+        let certificate = request.signed_by(self.issuer.as_ref()).map_err(TrustError::certificate)?;
         Ok(certificate.der().clone())
     }
 
-    /// How a coordinator answers: with a key that lives as long as the program. Newcomers without a certificate get
-    /// through the handshake; what they may ask is for the coordinator to say.
+    /// How a coordinator answers, however long it runs. Newcomers without a certificate get through the handshake; what they
+    /// may ask is for the coordinator to say.
     pub fn server_config(&self) -> Result<ServerConfig, TrustError> {
-        let key = KeyPair::generate().map_err(TrustError::certificate)?;
-        let name = SanType::DnsName(SERVER_NAME.try_into().map_err(TrustError::certificate)?);
-        let from = SystemTime::now() - CLOCKS_APART;
-        let params = leaf("coordinator", name, ExtendedKeyUsagePurpose::ServerAuth, from, AUTHORITY_LIFETIME);
-        let certificate = params.signed_by(&key, &self.issuer).map_err(TrustError::certificate)?;
-        let chain = vec![certificate.der().clone(), self.certificate.clone()];
-        let key = PrivateKeyDer::try_from(key.serialize_der()).map_err(TrustError::certificate)?;
-        tls::server_config(&self.certificate, chain, key).map_err(TrustError::certificate)
+        let own = OwnCertificate::new(self.issuer.clone(), self.certificate.clone(), SystemTime::now())?;
+        tls::server_config(&self.certificate, Arc::new(own)).map_err(TrustError::certificate)
     }
 
-    fn provide_admin(&self) -> Result<(), TrustError> {
+    /// Sees to it that the identity of [`Authority::admin_path`] is there, and good for a while.
+    pub fn keep_admin(&self) -> Result<(), TrustError> {
         let path = self.admin_path();
         let good = Identity::load(&path)?.is_some_and(|identity| {
-            let expires = identity.holder().map(|holder| holder.expires);
-            expires.is_ok_and(|expires| expires > SystemTime::now() + HOLDER_LIFETIME / 2)
+            identity.holder().is_ok_and(|holder| SystemTime::now() < holder.renew_at())
                 && identity.authority() == &self.certificate
         });
         if good {
             return Ok(());
         }
         let request = Identity::request()?;
-        let certificate = self.certify(request.der(), Role::Admin, TokenId::LOCAL)?;
+        let certificate = self.certify(request.der(), Role::Admin, TokenId::LOCAL, HOLDER_LIFETIME)?;
         request.answered(certificate, self.certificate.clone()).save(&path)
     }
 }
@@ -188,7 +179,8 @@ fn make_authority() -> Result<(KeyPair, rcgen::Certificate), rcgen::Error> {
     Ok((key, certificate))
 }
 
-fn leaf(
+/// What is certified of anybody but the authority itself.
+pub(crate) fn leaf(
     common_name: &str,
     name: SanType,
     purpose: ExtendedKeyUsagePurpose,

@@ -1,6 +1,7 @@
 use super::*;
-use crate::{Holder, joining_config};
-use rustls::pki_types::ServerName;
+use crate::{Holder, SERVER_NAME, joining_config};
+use rustls::pki_types::{PrivateKeyDer, ServerName};
+use rustls::sign::SingleCertAndKey;
 use rustls::{ClientConfig, ClientConnection, ServerConnection};
 use std::sync::Arc;
 
@@ -18,7 +19,7 @@ fn identity(
     lifetime: Duration,
 ) -> Identity {
     let request = Identity::request().unwrap();
-    let certificate = authority.certify_for(request.der(), role, token, from, lifetime).unwrap();
+    let certificate = authority.certify_from(request.der(), role, token, from, lifetime).unwrap();
     request.answered(certificate, authority.certificate().clone())
 }
 
@@ -56,6 +57,33 @@ fn a_certificate_names_role_and_token() {
 }
 
 #[test]
+fn a_certificate_is_renewed_after_two_thirds_of_its_time() {
+    let (_folder, authority) = authority();
+    let request = Identity::request().unwrap();
+    let lifetime = Duration::from_secs(90);
+    let certificate = authority.certify(request.der(), Role::Worker, TokenId::LOCAL, lifetime).unwrap();
+    let holder = Holder::of(&certificate).unwrap();
+    assert_eq!(holder.expires, holder.issued + lifetime);
+    assert_eq!(holder.renew_at(), holder.issued + lifetime * 2 / 3);
+    let age = SystemTime::now().duration_since(holder.issued).unwrap();
+    assert!(age < Duration::from_secs(60), "{age:?}");
+}
+
+#[test]
+fn the_admins_identity_is_renewed_in_time() {
+    let (_folder, authority) = authority();
+    let expires = || Identity::load(&authority.admin_path()).unwrap().unwrap().holder().unwrap().expires;
+    let first = expires();
+    authority.keep_admin().unwrap();
+    assert_eq!(expires(), first, "there is no hurry");
+    let from = SystemTime::now() - HOLDER_LIFETIME * 2 / 3 - CLOCKS_APART;
+    let old = identity(&authority, Role::Admin, TokenId::LOCAL, from, HOLDER_LIFETIME + CLOCKS_APART);
+    old.save(&authority.admin_path()).unwrap();
+    authority.keep_admin().unwrap();
+    assert!(expires() >= first);
+}
+
+#[test]
 fn a_newcomer_recognises_the_farm_by_its_fingerprint() {
     let (_folder, authority) = authority();
     let client = joining_config(authority.fingerprint()).unwrap();
@@ -73,7 +101,7 @@ fn certificates_of_another_farm_or_time_are_refused() {
     let stranger = worker(&other);
     assert!(handshake(authority.server_config().unwrap(), stranger.client_config().unwrap()).is_err());
     let forged = Identity::request().unwrap();
-    let certificate = other.certify(forged.der(), Role::Admin, TokenId::LOCAL).unwrap();
+    let certificate = other.certify(forged.der(), Role::Admin, TokenId::LOCAL, DAY).unwrap();
     let forged = forged.answered(certificate, authority.certificate().clone());
     let fault = handshake(authority.server_config().unwrap(), forged.client_config().unwrap()).unwrap_err();
     assert!(matches!(fault, rustls::Error::InvalidCertificate(_)), "{fault}");
@@ -93,9 +121,9 @@ fn the_certificate_of_a_client_makes_no_server() {
     worker.save(&path).unwrap();
     let pem = std::fs::read(&path).unwrap();
     let chain: Vec<_> = CertificateDer::pem_slice_iter(&pem).map(Result::unwrap).collect();
+    let shown = tls::certified_key(chain, PrivateKeyDer::from_pem_slice(&pem).unwrap()).unwrap();
     let impostor =
-        tls::server_config(authority.certificate(), chain, PrivateKeyDer::from_pem_slice(&pem).unwrap())
-            .unwrap();
+        tls::server_config(authority.certificate(), Arc::new(SingleCertAndKey::from(shown))).unwrap();
     assert!(handshake(impostor, joining_config(authority.fingerprint()).unwrap()).is_err());
 }
 
@@ -110,7 +138,7 @@ fn a_request_gets_what_the_authority_says_and_not_what_it_asks_for() {
         vec![SanType::URI(holder::name(Role::Admin, TokenId::LOCAL).as_str().try_into().unwrap())];
     let request = params.serialize_request(&key).unwrap();
     let token = TokenId::random();
-    let certificate = authority.certify(request.der(), Role::Worker, token).unwrap();
+    let certificate = authority.certify(request.der(), Role::Worker, token, DAY).unwrap();
     let holder = Holder::of(&certificate).unwrap();
     assert_eq!((holder.role, holder.token), (Role::Worker, token));
     // Signed with another key than it is for, cut, or nonsense.
@@ -118,7 +146,7 @@ fn a_request_gets_what_the_authority_says_and_not_what_it_asks_for() {
     let last = forged.len() - 1;
     forged[last] ^= 1;
     for wrong in [&forged[..], &request.der()[..40], b"", &[0x30; 20_000]] {
-        assert!(authority.certify(wrong, Role::Worker, token).is_err());
+        assert!(authority.certify(wrong, Role::Worker, token, DAY).is_err());
     }
 }
 
@@ -151,7 +179,8 @@ fn an_authority_is_found_again_and_its_key_is_nobodys_business() {
 #[test]
 fn damaged_certificates_and_identities_are_sentences() {
     let (folder, authority) = authority();
-    let whole = authority.certify(Identity::request().unwrap().der(), Role::Worker, TokenId::LOCAL).unwrap();
+    let whole =
+        authority.certify(Identity::request().unwrap().der(), Role::Worker, TokenId::LOCAL, DAY).unwrap();
     for cut in 0..whole.len() {
         let _ = Holder::of(&CertificateDer::from(whole[..cut].to_vec()));
         let mut changed = whole.to_vec();

@@ -1,5 +1,6 @@
 //! What a certificate says of whoever shows it.
 
+use crate::authority::CLOCKS_APART;
 use crate::{Role, TokenId};
 use rustls::pki_types::CertificateDer;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -12,6 +13,8 @@ pub struct Holder {
     pub role: Role,
     /// The token that its certificate goes back to.
     pub token: TokenId,
+    /// When its certificate was made.
+    pub issued: SystemTime,
     /// When its certificate ceases to be good.
     pub expires: SystemTime,
 }
@@ -34,12 +37,22 @@ impl Holder {
         let [GeneralName::URI(uri)] = names.value.general_names[..] else { return Err(HolderError) };
         let (role, token) =
             uri.strip_prefix("tessera:").and_then(|rest| rest.split_once(':')).ok_or(HolderError)?;
-        let expires = u64::try_from(certificate.validity().not_after.timestamp()).map_err(|_| HolderError)?;
+        let time = |seconds: i64| {
+            let since = Duration::from_secs(u64::try_from(seconds).map_err(|_| HolderError)?);
+            UNIX_EPOCH.checked_add(since).ok_or(HolderError)
+        };
+        let validity = certificate.validity();
         Ok(Self {
             role: role.parse().map_err(|_| HolderError)?,
             token: token.parse().map_err(|_| HolderError)?,
-            expires: UNIX_EPOCH + Duration::from_secs(expires),
+            issued: time(validity.not_before.timestamp())? + CLOCKS_APART,
+            expires: time(validity.not_after.timestamp())?,
         })
+    }
+
+    /// When to ask for the next certificate: two thirds of this one's time are over.
+    pub fn renew_at(&self) -> SystemTime {
+        self.expires - self.expires.duration_since(self.issued).unwrap_or_default() / 3
     }
 }
 

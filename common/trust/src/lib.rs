@@ -12,13 +12,14 @@ mod files;
 mod fingerprint;
 mod holder;
 mod identity;
+mod own_certificate;
 mod role;
 mod state_folder;
 mod tls;
 mod token;
 mod token_book;
 
-pub use authority::Authority;
+pub use authority::{Authority, HOLDER_LIFETIME};
 pub use files::TrustError;
 pub use fingerprint::{Fingerprint, FingerprintError};
 pub use holder::{Holder, HolderError};

@@ -24,6 +24,9 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// How often revoked tokens are looked for.
 const REVOKED_EVERY: Duration = Duration::from_secs(1);
 
+/// How often the admin's certificate is looked at.
+const ADMIN_EVERY: Duration = Duration::from_secs(3600);
+
 /// Accepted connections that wait to be served.
 const WAITING_MAX: usize = 16;
 
@@ -168,6 +171,21 @@ pub(super) fn watch_revoked(security: &Security) -> Revoked {
         }
     });
     revoked
+}
+
+/// Keeps the admin's identity in the authority's folder good, however long the coordinator runs.
+pub(super) fn look_after_admin(authority: Arc<Authority>) {
+    tokio::spawn(async move {
+        loop {
+            tokio::time::sleep(ADMIN_EVERY).await;
+            let authority = authority.clone();
+            match tokio::task::spawn_blocking(move || authority.keep_admin()).await {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => warn!(%error, "the admin's certificate cannot be renewed"),
+                Err(_) => return,
+            }
+        }
+    });
 }
 
 fn keep(sender: &watch::Sender<Arc<BTreeSet<farm_trust::TokenId>>>, found: BTreeSet<farm_trust::TokenId>) {

@@ -1,5 +1,6 @@
 //! One worker's incoming messages.
 
+use super::guard::is_refusal;
 use crate::check::check;
 use crate::farm::{Arrived, Ending, Farm, Input};
 use farm_job::WorkerId;
@@ -16,6 +17,10 @@ pub(super) async fn listen(worker: WorkerId, mut incoming: Streaming<v1::WorkerM
         let message = match incoming.message().await {
             Ok(Some(message)) => message,
             Ok(None) => break,
+            Err(status) if is_refusal(status.code()) => {
+                warn!(%worker, reason = status.message(), "worker talks nonsense; disconnecting it");
+                break;
+            }
             Err(status) => {
                 debug!(%worker, reason = status.message(), "connection lost");
                 break;

@@ -4,11 +4,11 @@ use super::guard::Revoked;
 use super::policy::{Peer, Standing};
 use bytes::Bytes;
 use farm_proto::v1::{self, enrolment_server::Enrolment};
-use farm_trust::{Authority, Role, Token, TokenError, TokenId};
+use farm_trust::{Authority, HOLDER_LIFETIME, Role, Token, TokenError, TokenId};
 use std::sync::Arc;
 use std::time::SystemTime;
 use tonic::{Request, Response, Status};
-use tracing::{error, info, warn};
+use tracing::{error, info};
 
 /// Exchanges tokens for certificates.
 pub(super) struct EnrolmentService {
@@ -31,14 +31,12 @@ impl Enrolment for EnrolmentService {
                 Some(renewed) => renewed,
                 None => redeem(&authority, &token)?,
             };
-            let certificate = authority.certify(&signing_request, role, token);
+            let certificate = authority.certify(&signing_request, role, token, HOLDER_LIFETIME);
             let certificate = certificate.map_err(|err| Status::invalid_argument(err.to_string()))?;
             Ok::<_, Status>((role, token, certificate))
         });
         let outcome = outcome.await.map_err(|_| Status::unavailable("the coordinator is ending"))?;
-        let (role, token, certificate) = outcome.inspect_err(|status| {
-            warn!(peer = %peer.address, reason = status.message(), "enrolment refused");
-        })?;
+        let (role, token, certificate) = outcome?;
         if self.revoked.borrow().contains(&token) {
             return Err(Status::unauthenticated(TokenError::Revoked(token).to_string()));
         }

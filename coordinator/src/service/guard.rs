@@ -1,15 +1,16 @@
-//! Stands before all services: a call that its caller may not make is answered before anything of it is read.
+//! Stands before all services: a call that its caller may not make is answered before anything of it is read. Whatever is
+//! refused, here or behind, has its line in the log.
 
 use super::policy::{Peer, Refusal, permit};
 use farm_trust::TokenId;
-use futures::future::{Either, Ready, ready};
 use std::collections::BTreeSet;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::SystemTime;
 use tokio::sync::watch;
-use tonic::Status;
 use tonic::codegen::http::{Request, Response};
+use tonic::{Code, Status};
 use tower::{Layer, Service};
 use tracing::warn;
 
@@ -41,34 +42,68 @@ pub struct Guard<S> {
 impl<S, B, R> Service<Request<B>> for Guard<S>
 where
     S: Service<Request<B>, Response = Response<R>>,
+    S::Future: Send + 'static,
     R: Default,
 {
     type Response = S::Response;
     type Error = S::Error;
-    type Future = Either<S::Future, Ready<Result<S::Response, S::Error>>>;
+    type Future = Pin<Box<dyn Future<Output = Result<S::Response, S::Error>> + Send>>;
 
     fn poll_ready(&mut self, context: &mut Context<'_>) -> Poll<Result<(), S::Error>> {
         self.inner.poll_ready(context)
     }
 
     fn call(&mut self, request: Request<B>) -> Self::Future {
-        let path = request.uri().path();
-        let status = match request.extensions().get::<Peer>() {
-            Some(peer) => {
-                let is_revoked = |holder: &farm_trust::Holder| self.revoked.borrow().contains(&holder.token);
-                match permit(&peer.standing, path, SystemTime::now(), is_revoked) {
-                    Ok(()) => return Either::Left(self.inner.call(request)),
-                    Err(refusal) => {
-                        let (method, peer) = (shown(path), peer.address);
-                        warn!(%peer, %method, reason = %refusal, "call refused");
-                        status(&refusal)
-                    }
-                }
-            }
-            None => Status::internal("the connection does not say whose it is"),
+        let method = shown(request.uri().path());
+        let Some(peer) = request.extensions().get::<Peer>() else {
+            let status = Status::internal("the connection does not say whose it is");
+            return Box::pin(async move { Ok(status.into_http()) });
         };
-        Either::Right(ready(Ok(status.into_http())))
+        let is_revoked = |holder: &farm_trust::Holder| self.revoked.borrow().contains(&holder.token);
+        let peer = peer.clone();
+        match permit(&peer.standing, request.uri().path(), SystemTime::now(), is_revoked) {
+            Ok(()) => {
+                let answer = self.inner.call(request);
+                Box::pin(async move {
+                    let response = answer.await?;
+                    if let Some(status) = Status::from_header_map(response.headers()) {
+                        note(&peer, &method, &status);
+                    }
+                    Ok(response)
+                })
+            }
+            Err(refusal) => {
+                let status = status(&refusal);
+                note(&peer, &method, &status);
+                Box::pin(async move { Ok(status.into_http()) })
+            }
+        }
     }
+}
+
+/// One line for each call that is refused.
+fn note(peer: &Peer, method: &str, status: &Status) {
+    if is_refusal(status.code()) {
+        warn!(peer = %peer.address, %method, reason = status.message(), "call refused");
+    }
+}
+
+/// Whether the caller asked for what it may not have, or in a way that nobody may: other failures are told to the caller only.
+pub(super) fn is_refusal(code: Code) -> bool {
+    use Code::{
+        Internal, InvalidArgument, OutOfRange, PermissionDenied, ResourceExhausted, Unauthenticated,
+        Unimplemented,
+    };
+    matches!(
+        code,
+        Internal
+            | InvalidArgument
+            | OutOfRange
+            | PermissionDenied
+            | ResourceExhausted
+            | Unauthenticated
+            | Unimplemented
+    )
 }
 
 /// A path in a log: whoever sent it chose it.

@@ -1,6 +1,6 @@
 //! Where connections come from.
 
-use super::accept::{Security, accept, watch_revoked};
+use super::accept::{Security, accept, look_after_admin, watch_revoked};
 use super::control::ControlService;
 use super::enrol::EnrolmentService;
 use super::farm::FarmService;
@@ -61,6 +61,7 @@ impl Listener {
         let mut server = server().layer(GuardLayer { revoked: revoked.clone() });
         let mut router = server.add_service(workers(farm));
         if let Security::Closed(authority) = self.security {
+            look_after_admin(authority.clone());
             let enrolment = EnrolmentServer::new(EnrolmentService { authority, revoked });
             router = router.add_service(enrolment.max_decoding_message_size(ENROL_BYTES_MAX));
         }

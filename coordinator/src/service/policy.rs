@@ -138,7 +138,8 @@ mod tests {
     use std::time::Duration;
 
     fn holder(role: Role) -> Holder {
-        Holder { role, token: TokenId::LOCAL, expires: SystemTime::now() + Duration::from_secs(60) }
+        let issued = SystemTime::now();
+        Holder { role, token: TokenId::LOCAL, issued, expires: issued + Duration::from_secs(60) }
     }
 
     fn may(standing: &Standing, path: &str) -> bool {

@@ -3,6 +3,9 @@
 use farm_trust::{Authority, Fingerprint, Holder, Identity, Role, Token, TokenId};
 use std::path::Path;
 use std::sync::LazyLock;
+use std::time::Duration;
+
+const LIFETIME: Duration = Duration::from_secs(3600);
 
 /// One for all inputs; its folder goes with the program.
 static AUTHORITY: LazyLock<(tempfile::TempDir, Authority)> = LazyLock::new(|| {
@@ -14,7 +17,8 @@ static AUTHORITY: LazyLock<(tempfile::TempDir, Authority)> = LazyLock::new(|| {
 pub(super) fn corpus() -> Vec<Vec<u8>> {
     let authority = &AUTHORITY.1;
     let request = Identity::request().expect("a request");
-    let certificate = authority.certify(request.der(), Role::Worker, TokenId::LOCAL).expect("a certificate");
+    let certificate =
+        authority.certify(request.der(), Role::Worker, TokenId::LOCAL, LIFETIME).expect("a certificate");
     let token = "tessera-0123456789ab-AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA";
     let identity = std::fs::read(authority.admin_path()).expect("an identity");
     vec![
@@ -28,7 +32,7 @@ pub(super) fn corpus() -> Vec<Vec<u8>> {
 
 pub(super) fn decode(bytes: &[u8], file: &Path) -> bool {
     let text = std::str::from_utf8(bytes).unwrap_or_default();
-    let certified = AUTHORITY.1.certify(bytes, Role::Worker, TokenId::LOCAL).is_ok();
+    let certified = AUTHORITY.1.certify(bytes, Role::Worker, TokenId::LOCAL, LIFETIME).is_ok();
     let held = Holder::of(&bytes.to_vec().into()).is_ok();
     let read = text.parse::<Token>().is_ok() || text.parse::<Fingerprint>().is_ok();
     write_private(file, bytes);

@@ -1,13 +1,12 @@
 //! What the command line says about it.
 
 use super::Access;
-use super::keys::Keys;
+use super::keys::{Keys, is_expired, ran_out};
 use crate::cli::Fault;
 use farm_trust::{Fingerprint, Identity, Token};
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::SystemTime;
 
 /// A token in the environment; there is no flag for it, since other users see the flags of programs.
 const TOKEN_VARIABLE: &str = "FARM_TOKEN";
@@ -59,9 +58,7 @@ impl AccessArgs {
         match (identity, token, self.ca_fingerprint) {
             (Some(identity), token, _) => {
                 if is_expired(&identity) && token.is_none() {
-                    return Err(Fault::input(format!(
-                        "the certificate for {address} has expired: join again, with a new token"
-                    )));
+                    return Err(Fault::input(format!("{address}: {}", ran_out(&identity))));
                 }
                 let fingerprint = identity.fingerprint();
                 Ok(Access::Secure(Arc::new(Keys::new(fingerprint, Some(identity), token, path))))
@@ -117,10 +114,6 @@ fn read_token(path: &Path) -> Result<String, Fault> {
         .and_then(|file| file.take(TOKEN_BYTES_MAX).read_to_string(&mut text))
         .map_err(|err| Fault::input(format!("--token-file {}: {err}", path.display())))?;
     Ok(text)
-}
-
-fn is_expired(identity: &Identity) -> bool {
-    identity.holder().is_ok_and(|holder| holder.expires <= SystemTime::now())
 }
 
 /// One file per program and coordinator; none where there is no home.
