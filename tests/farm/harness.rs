@@ -144,6 +144,11 @@ impl Running {
         String::from_utf8(line).unwrap().replace('\0', "\n")
     }
 
+    /// By how much it lets others go first.
+    pub fn nice(&self) -> i32 {
+        nice(&self.child.id().to_string())
+    }
+
     pub fn is_running(&mut self) -> bool {
         self.child.try_wait().unwrap().is_none()
     }
@@ -202,6 +207,12 @@ impl Drop for Running {
     }
 }
 
+/// By how much a process lets others go first.
+pub fn nice(process: &str) -> i32 {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    stat.rsplit(')').next().unwrap().split_whitespace().nth(16).unwrap().parse().unwrap()
+}
+
 fn collect(stderr: ChildStderr, text: Arc<Mutex<String>>) {
     std::thread::spawn(move || {
         for line in BufReader::new(stderr).lines().map_while(Result::ok) {
@@ -238,13 +249,18 @@ pub fn serving(place: &Place, flags: &[&str]) -> (Running, String) {
 
 /// A worker of one thread.
 pub fn joining(address: &str, name: &str) -> Running {
-    joining_with(address, name, "1")
+    joining_on(address, name, &[])
+}
+
+/// A worker of one thread with further flags.
+pub fn joining_on(address: &str, name: &str, flags: &[&str]) -> Running {
+    joining_with(address, name, &[&["--threads", "1"], flags].concat())
 }
 
 /// A worker.
-pub fn joining_with(address: &str, name: &str, threads: &str) -> Running {
+pub fn joining_with(address: &str, name: &str, flags: &[&str]) -> Running {
     let mut command = worker();
-    command.args(["--connect", address, "--threads", threads, "--name", name]);
+    command.args(["--connect", address, "--name", name]).args(flags);
     Running::start(command)
 }
 

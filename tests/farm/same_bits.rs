@@ -40,21 +40,20 @@ fn the_number_of_workers_does_not_show() {
     let place = Place::new();
     let expected = reference(&place);
     for workers in 1..=3 {
-        for threads in ["1", "2"] {
-            for tile in ["16", "64", "1000"] {
-                let mut flags = PICTURE.to_vec();
-                flags.extend(["--tile", tile]);
-                let (coordinator, address) = serving(&place, &flags);
-                let workers: Vec<_> = (0..workers)
-                    .map(|index| joining_with(&address, &format!("worker-{index}"), threads))
-                    .collect();
-                let said = coordinator.wait();
-                let count = workers.len();
-                assert_eq!(said.digest(), expected, "{count} workers of {threads} threads, tiles of {tile}");
-                for worker in workers {
-                    let said = worker.wait();
-                    assert!(said.status.success(), "{}", said.stderr);
-                }
+        for (tile, threads) in
+            ["16", "64", "1000"].into_iter().zip(["1", "2"].into_iter().cycle().skip(workers))
+        {
+            let mut flags = PICTURE.to_vec();
+            flags.extend(["--tile", tile]);
+            let (coordinator, address) = serving(&place, &flags);
+            let farm: Vec<_> = (0..workers)
+                .map(|index| joining_with(&address, &format!("worker-{index}"), &["--threads", threads]))
+                .collect();
+            let said = coordinator.wait();
+            assert_eq!(said.digest(), expected, "{workers} workers of {threads} threads, tiles of {tile}");
+            for worker in farm {
+                let said = worker.wait();
+                assert!(said.status.success(), "{}", said.stderr);
             }
         }
     }

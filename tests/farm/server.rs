@@ -2,6 +2,7 @@
 
 use crate::harness::{Place, Running, Said, coordinator, render, run};
 use serde_json::Value;
+use std::path::Path;
 use std::process::Command;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
@@ -10,11 +11,16 @@ use std::time::{Duration, Instant};
 pub const PICTURE: [&str; 6] = ["--resolution", "96x64", "--spp", "256", "--tile", "16"];
 
 /// What [`PICTURE`] looks like when one process renders it: rendered once for all stories.
-static ALONE: LazyLock<Place> = LazyLock::new(|| {
+static ALONE: LazyLock<(Place, String)> = LazyLock::new(|| {
     let place = Place::new();
-    run(render(&place, "alone.exr", &PICTURE)).json();
-    place
+    let digest = run(render(&place, "alone.exr", &PICTURE)).digest();
+    (place, digest)
 });
+
+/// The digest of [`PICTURE`] when one process renders it.
+pub fn digest_alone() -> &'static str {
+    &ALONE.1
+}
 
 /// A coordinator under way, and where it is.
 pub struct Server {
@@ -83,6 +89,15 @@ impl Server {
         }
     }
 
+    /// Waits until so many workers are connected.
+    pub fn wait_for_workers(&self, count: usize) {
+        let begun = Instant::now();
+        while self.ask(&["workers"]).json().as_array().unwrap().len() != count {
+            assert!(begun.elapsed() < Duration::from_secs(120), "there are never {count} workers");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
     /// Waits until more samples are done than there were.
     pub fn wait_for_more(&self, job: &str, samples: u64) -> u64 {
         let more =
@@ -96,10 +111,15 @@ impl Server {
         watch.args(["watch", job, "--to", &self.address]);
         let said = run(watch);
         assert!(said.status.success(), "{}", said.stderr);
-        let (fetched, alone) = (place.path("fetched.exr"), ALONE.path("alone.exr"));
+        let fetched = place.path("fetched.exr");
         self.ask(&["fetch", job, "-o", fetched.to_str().unwrap()]).json();
-        let mut compare = coordinator();
-        compare.arg("compare").arg(&fetched).arg(alone).arg("--json");
-        run(compare).json()["max_abs"].clone()
+        difference_to_alone(&fetched)
     }
+}
+
+/// The largest difference between a picture of [`PICTURE`] and the one that was rendered alone.
+pub fn difference_to_alone(picture: &Path) -> Value {
+    let mut compare = coordinator();
+    compare.arg("compare").arg(picture).arg(ALONE.0.path("alone.exr")).arg("--json");
+    run(compare).json()["max_abs"].clone()
 }
