@@ -56,11 +56,10 @@ impl Carried {
     }
 }
 
+/// What a channel that is not absorbed loses is nothing, over an infinite distance too: rays leave volumes that are not closed.
 fn transmittance(absorption: Vec3, distance: f32) -> Vec3 {
-    if absorption == Vec3::ZERO {
-        return Vec3::ONE;
-    }
-    (absorption * -distance).to_array().map(math::exp).into()
+    let channel = |absorption: f32| if absorption > 0.0 { math::exp(-absorption * distance) } else { 1.0 };
+    absorption.to_array().map(channel).into()
 }
 
 /// The surface of a vertex, and how it scatters.
@@ -279,4 +278,19 @@ pub(super) fn scatter(
         }
     }
     Some(at.spawn(wi, time, f32::INFINITY))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use farm_scene::Volume;
+
+    #[test]
+    fn a_ray_that_never_leaves_its_medium_keeps_the_channels_that_are_not_absorbed() {
+        let volume = Volume { attenuation_distance: 1e-3, attenuation_color: Vec3::new(0.5, 0.95, 1.0) };
+        assert_eq!(transmittance(absorption(&volume), f32::INFINITY), Vec3::new(0.0, 0.0, 1.0));
+        let at_distance = transmittance(absorption(&volume), 1e-3);
+        assert!((at_distance - volume.attenuation_color).abs().max_element() < 1e-6, "{at_distance}");
+        assert_eq!(transmittance(Vec3::ZERO, f32::INFINITY), Vec3::ONE);
+    }
 }
