@@ -50,9 +50,6 @@ pub enum JobSpecError {
     /// No time to render in.
     #[error("a frame cannot stop after no time at all")]
     StopTime,
-    /// Tiles that are to stop on their own, and do not know when.
-    #[error("tiles can only stop on their own at an error: there is none")]
-    StopTiles,
 }
 
 /// When a frame ends before it has all its samples; whichever comes first.
@@ -65,8 +62,6 @@ pub struct Stop {
     pub time: Option<Duration>,
     /// Not for its error before it has so many samples per pixel.
     pub spp_min: u64,
-    /// Tiles also end on their own, each once its own error is at most `error`.
-    pub adaptive: bool,
 }
 
 impl Stop {
@@ -81,7 +76,6 @@ impl Stop {
                 Err(JobSpecError::StopError(error))
             }
             Self { time: Some(Duration::ZERO), .. } => Err(JobSpecError::StopTime),
-            Self { error: None, adaptive: true, .. } => Err(JobSpecError::StopTiles),
             _ => Ok(()),
         }
     }

@@ -70,7 +70,7 @@ impl WorkArgs {
     }
 
     fn stop(&self) -> Stop {
-        Stop { error: self.error, time: self.time, spp_min: self.spp_min, adaptive: false }
+        Stop { error: self.error, time: self.time, spp_min: self.spp_min }
     }
 
     /// The job.
