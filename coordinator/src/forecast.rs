@@ -77,8 +77,10 @@ impl Forecast {
         }
         match spec.stop.error.map(|target| outlook.error.and_then(|error| needed(&error, target))) {
             Some(Some(needed)) => {
-                let least = spec.stop.spp_min.max(outlook.spp) as f64;
-                ends.push(at(Cause::Error, round_up(spec, needed.spp.max(least)), needed.band));
+                let least = needed.spp.max(spec.stop.spp_min.max(outlook.spp) as f64);
+                // An error that wants more samples than there are may still be met early, but it is not what is expected.
+                let cause = if least > spec.spp as f64 { Cause::Samples } else { Cause::Error };
+                ends.push(at(cause, round_up(spec, least), needed.band));
                 ends.push(at(Cause::Samples, spec.spp as f64, 1.0));
             }
             // It may be over any moment.
