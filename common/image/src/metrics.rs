@@ -76,7 +76,7 @@ impl Corrected {
     }
 }
 
-/// Compares pixel by pixel, by everything but FLIP, which takes its time ([`crate::flip`]). Refuses pictures of another resolution
+/// Compares pixel by pixel, by everything but FLIP, which takes its time ([`crate::flip()`]). Refuses pictures of another resolution
 /// and values that are not finite.
 pub fn compare(picture: &Image, reference: &Image) -> Result<Comparison, ImageError> {
     check(picture, reference)?;
