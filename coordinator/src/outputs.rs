@@ -119,7 +119,7 @@ pub struct FinishedFrame {
     pub frame: FrameIndex,
     /// All its samples.
     pub film: Film,
-    /// Samples per pixel; the most, where tiles have ended on their own.
+    /// Samples per pixel.
     pub spp: u64,
     /// Why it has no more of them.
     pub ended: Cause,

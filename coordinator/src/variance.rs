@@ -22,7 +22,7 @@ struct TileVariance {
 }
 
 impl Variance {
-    /// Looks at a picture of which every tile, but for those that have ended, has twice the samples of the last time.
+    /// Looks at a picture of which every tile has twice the samples of the last time.
     pub fn doubled(&mut self, film: &Film, error: Option<&ErrorEstimate>) {
         let samples: BTreeMap<Tile, u64> = film.partials().fold(BTreeMap::new(), |mut samples, partial| {
             *samples.entry(partial.tile()).or_default() += partial.block().samples();
@@ -82,5 +82,5 @@ impl TileVariance {
 
 /// What is left of a variance when samples double.
 fn decay(error: Option<&ErrorEstimate>) -> f32 {
-    error.map_or(0.5, |error| (-error.rate).exp2() as f32)
+    error.map_or(0.5, |error| libm::exp2(-error.rate) as f32)
 }

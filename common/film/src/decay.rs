@@ -15,6 +15,8 @@
 //! observed last; a power `n^-r` contributes `2^r - 1` times its part to `D(n)`. Independent samples have the first part only, and
 //! `V = D`. A picture that seems to converge fast is thus expected to slow down, as pictures do.
 
+use libm::exp2;
+
 /// Exponents of the powers of `1/n` that variances are made of. The middle one is what fits the edges of the benchmark set best.
 pub(crate) const RATES: [f64; 3] = [1.0, 1.85, 3.0];
 
@@ -124,7 +126,7 @@ impl Decay {
         let beyond = f64::from(level) - (self.variances.len() as f64 - 1.0);
         match self.variances.get(level as usize) {
             Some(variance) => *variance,
-            None => RATES.iter().zip(self.parts).map(|(rate, part)| part * (-rate * beyond).exp2()).sum(),
+            None => RATES.iter().zip(self.parts).map(|(rate, part)| part * exp2(-rate * beyond)).sum(),
         }
     }
 
@@ -137,7 +139,7 @@ impl Decay {
 
 /// Of blocks that are `2^age` times smaller than those of which the variance is made of `parts`.
 fn difference(parts: &[f64; 3], age: f64) -> f64 {
-    RATES.iter().zip(parts).map(|(rate, part)| part * (rate.exp2() - 1.0) * (rate * age).exp2()).sum()
+    RATES.iter().zip(parts).map(|(rate, part)| part * (exp2(*rate) - 1.0) * exp2(rate * age)).sum()
 }
 
 /// The parts of the variance at the last level: least squares of relative deviations, over parts that are not negative.
@@ -148,7 +150,7 @@ fn fit(levels: &[Option<Observed>]) -> [f64; 3] {
         let Some(level) = level.filter(|level| level.difference > 0.0) else { continue };
         let old = AGEING * age;
         let deviation = (level.variance + RIPPLE * RIPPLE + old * old).sqrt();
-        let of_one = |rate: f64| (rate.exp2() - 1.0) * (rate * age).exp2() / level.difference / deviation;
+        let of_one = |rate: f64| (exp2(rate) - 1.0) * exp2(rate * age) / level.difference / deviation;
         rows.push((RATES.map(of_one), 1.0 / deviation));
     }
     // Few enough parts to try all choices of those that are not zero; the first wins a tie: chance alone, then

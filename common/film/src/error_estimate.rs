@@ -2,6 +2,8 @@
 
 use crate::decay::{Decay, Observed, RATES, completed};
 use crate::{Differences, SampleBlock};
+// The estimate decides where frames end: never the platform's functions.
+use libm::{exp, exp2, hypot, log, log2};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviations within which 95 % of a normal distribution lie.
@@ -57,9 +59,9 @@ impl ErrorEstimate {
         let rel_mse = mean(&|part| part.rel_mse);
         // Parts are off independently; the rate of the sum is that of its parts by their share in it.
         let spread = |sum: f64, error: &dyn Fn(&Self) -> f64, band: &dyn Fn(&Self) -> f64| {
-            let deviation = |(weight, part): &(f64, Self)| weight / total * error(part) * band(part).ln();
+            let deviation = |(weight, part): &(f64, Self)| weight / total * error(part) * log(band(part));
             let squares: f64 = parts.iter().map(|part| deviation(part) * deviation(part)).sum();
-            if sum > 0.0 { (squares.sqrt() / sum).exp() } else { 1.0 }
+            if sum > 0.0 { exp(squares.sqrt() / sum) } else { 1.0 }
         };
         let shared = |sum: f64, error: &dyn Fn(&Self) -> f64, value: &dyn Fn(&Self) -> f64| {
             if sum > 0.0 { mean(&|part| error(part) * value(part)) / sum } else { mean(value) }
@@ -88,15 +90,15 @@ impl ErrorEstimate {
         while high - low > 1e-6 {
             let middle = 0.5 * (low + high);
             let parts = self.rel_parts.iter().zip(RATES);
-            let error: f64 = parts.map(|(part, rate)| part * (-rate * middle).exp2()).sum();
+            let error: f64 = parts.map(|(part, rate)| part * exp2(-rate * middle)).sum();
             if error > target { low = middle } else { high = middle }
         }
         let doublings = 0.5 * (low + high);
-        let now = self.rel_mse_band.ln();
+        let now = log(self.rel_mse_band);
         let ahead = DEVIATIONS * DEVIATION_PER_DOUBLING * doublings;
         Some(Prediction {
-            spp: self.spp as f64 * doublings.exp2(),
-            band: (now.hypot(ahead) / self.rel_rate.max(1.0)).exp(),
+            spp: self.spp as f64 * exp2(doublings),
+            band: exp(hypot(now, ahead) / self.rel_rate.max(1.0)),
         })
     }
 }
@@ -132,7 +134,7 @@ impl Decays {
         let spp = blocks.iter().map(|block| block.samples()).sum();
         let parts: Vec<_> = blocks.iter().copied().flat_map(powers_of_two).collect();
         let rel_mse = variance_of_mean(&self.relative, &parts);
-        let band = |deviation: f64| (DEVIATIONS * deviation).exp();
+        let band = |deviation: f64| exp(DEVIATIONS * deviation);
         ErrorEstimate {
             spp,
             rmse: variance_of_mean(&self.squared, &parts).sqrt(),
@@ -170,5 +172,5 @@ fn variance_of_mean(decay: &Decay, parts: &[(u64, u32)]) -> f64 {
             variance += 2.0 * count(level) * count(other_level) * decay.covariance(common);
         }
     }
-    (variance / (samples * samples)).max(decay.variance(samples.log2().ceil() as u32))
+    (variance / (samples * samples)).max(decay.variance(log2(samples).ceil() as u32))
 }
