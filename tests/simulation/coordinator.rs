@@ -14,9 +14,9 @@ use farm_film::WorkUnit;
 use farm_image::read_image;
 use farm_job::{Digest, JobState};
 use farm_scheduler::JobStatus;
-use futures::StreamExt;
 use object_store::path::Path;
-use object_store::{ObjectStore, ObjectStoreExt, PutPayload};
+use object_store::{ObjectStoreExt, PutPayload};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -33,6 +33,12 @@ pub struct Seen {
     pub broken: Option<String>,
     /// By which the coordinator's clock shall jump.
     pub clock_jump: Duration,
+    /// The latest turn of each host to write to the store.
+    pub turns: BTreeMap<usize, u64>,
+    /// Coordinators that found out that the store is another one's; their processes end.
+    pub fenced: Vec<usize>,
+    /// The turn that is heard of.
+    turn: u64,
     lives: u64,
     /// Samples that are durable, as the coordinator last said.
     samples: u128,
@@ -56,10 +62,6 @@ impl Seen {
         self.acknowledged.push(unit);
     }
 
-    fn state(&self) -> Option<JobState> {
-        self.status.as_ref().map(|status| status.state)
-    }
-
     pub fn story(&self) -> Story {
         let mut story = self.former;
         story += self.status.as_ref().map(counted).unwrap_or_default();
@@ -80,12 +82,20 @@ fn counted(status: &JobStatus) -> Story {
 }
 
 /// The life of a coordinator, from start to crash. One that cannot start is started again, as a service would be.
-pub async fn live(disk: Disk, seen: Arc<Mutex<Seen>>, verify: f64) -> turmoil::Result {
+pub async fn live(disk: Disk, seen: Arc<Mutex<Seen>>, verify: f64, host: usize) -> turmoil::Result {
     loop {
         match start(&disk, verify).await {
             Ok((farm, store)) => {
+                seen.lock().expect("nothing panics in here").turns.insert(host, store.epoch());
+                let mut lost = store.lost();
                 tokio::spawn(watch(farm.clone(), store, seen.clone()));
-                accept(serve_memory(farm)).await?;
+                tokio::select! {
+                    accepted = accept(serve_memory(farm)) => accepted?,
+                    _ = lost.wait_for(Option::is_some) => {
+                        seen.lock().expect("nothing panics in here").fenced.push(host);
+                        return std::future::pending().await;
+                    }
+                }
             }
             Err(error) => tracing::info!(%error, "the coordinator cannot start"),
         }
@@ -121,7 +131,7 @@ async fn try_again(farm: &Farm, store: &Store) -> Result<(), RestoreError> {
 }
 
 async fn watch(farm: Farm, store: Arc<Store>, seen: Arc<Mutex<Seen>>) {
-    let mut first = true;
+    let turn = store.epoch();
     loop {
         let Ok(overview) = farm.overview().await else { return };
         let mut jobs = overview.status.iter().flat_map(|status| &status.jobs);
@@ -133,10 +143,9 @@ async fn watch(farm: Farm, store: Arc<Store>, seen: Arc<Mutex<Seen>>) {
             seen.lock().expect("nothing panics in here").tried_again += 1;
         }
         let jump = match status {
-            Some(status) => look(&mut seen.lock().expect("nothing panics in here"), status, written, first),
+            Some(status) => look(&mut seen.lock().expect("nothing panics in here"), status, written, turn),
             None => Duration::ZERO,
         };
-        first = false;
         if !jump.is_zero() {
             tokio::time::advance(jump).await;
         }
@@ -144,10 +153,15 @@ async fn watch(farm: Farm, store: Arc<Store>, seen: Arc<Mutex<Seen>>) {
     }
 }
 
-/// Compares what the coordinator says with what it said before; by how much its clock is to jump.
-fn look(seen: &mut Seen, status: JobStatus, written: u64, first: bool) -> Duration {
-    if first {
-        if seen.lives > 0 && status.samples_done < seen.samples {
+/// Compares what the coordinator of a turn says with what was said before; by how much its clock is to jump.
+fn look(seen: &mut Seen, status: JobStatus, written: u64, turn: u64) -> Duration {
+    if turn < seen.turn {
+        // It does not know yet that its turn is over.
+        return Duration::ZERO;
+    }
+    if turn > seen.turn {
+        seen.turn = turn;
+        if status.samples_done < seen.samples {
             let (now, before) = (status.samples_done, seen.samples);
             seen.broken =
                 Some(format!("{now} samples after a restart and {before} before: something was lost"));
@@ -162,15 +176,10 @@ fn look(seen: &mut Seen, status: JobStatus, written: u64, first: bool) -> Durati
     std::mem::take(&mut seen.clock_jump)
 }
 
-/// What a lock on a disk tells: whoever had the latest turn is gone.
-pub fn process_is_dead(disk: &Disk) {
-    block_on(async {
-        let epochs: Vec<_> = disk.objects.list(Some(&Path::from("epochs"))).collect().await;
-        let names = epochs.into_iter().flatten().map(|object| object.location.to_string());
-        if let Some(latest) = names.filter_map(|name| Some(name.strip_suffix(".json")?.to_owned())).max() {
-            let _ = disk.objects.put(&Path::from(format!("{latest}.ended")), PutPayload::new()).await;
-        }
-    });
+/// What a lock on a disk tells: whoever had a turn is gone.
+pub fn process_is_dead(disk: &Disk, turn: u64) {
+    let path = Path::from(format!("epochs/{turn:010}.ended"));
+    let _ = block_on(disk.objects.put(&path, PutPayload::new()));
 }
 
 fn block_on<T>(work: impl Future<Output = T>) -> T {
@@ -208,18 +217,25 @@ pub fn check_pictures(disk: &Disk) -> Result<(), String> {
 /// What a coordinator finds that starts now: the job's state, its durable samples and its written frames.
 type Found = (JobState, u128, u64);
 
-fn reloaded(disk: &Disk, acknowledged: &[WorkUnit]) -> Result<Found, String> {
+fn reloaded(disk: &Disk, seen: &Seen) -> Result<Found, String> {
     let fork = Disk::holding(disk.objects.fork());
-    process_is_dead(&fork);
+    if let Some(turn) = seen.turns.values().max() {
+        process_is_dead(&fork, *turn);
+    }
     block_on(async {
         let (farm, store) = start(&fork, 0.0).await.map_err(|error| error.to_string())?;
-        if let Some(unit) = missing(&store, acknowledged).await.map_err(|error| error.to_string())? {
+        if let Some(unit) = missing(&store, &seen.acknowledged).await.map_err(|error| error.to_string())? {
             return Err(format!("{unit} was acknowledged and is not in the store"));
         }
         let overview = farm.overview().await.map_err(|error| error.to_string())?;
         let mut jobs = overview.status.iter().flat_map(|status| &status.jobs);
-        let job = jobs.find(|job| job.job == JOB).ok_or("the job is gone")?;
-        Ok((job.state, job.samples_done, overview.written.get(&JOB).copied().unwrap_or(0)))
+        if let Some(job) = jobs.find(|job| job.job == JOB) {
+            return Ok((job.state, job.samples_done, overview.written.get(&JOB).copied().unwrap_or(0)));
+        }
+        // One that has failed waits for its owner.
+        let records = store.jobs().await.map_err(|error| error.to_string())?;
+        let failed = records.iter().any(|record| record.job == JOB && record.state == JobState::Failed);
+        if failed { Ok((JobState::Failed, 0, 0)) } else { Err("the job is gone".to_owned()) }
     })
 }
 
@@ -240,10 +256,12 @@ async fn missing(store: &Store, units: &[WorkUnit]) -> Result<Option<WorkUnit>, 
 
 /// Whatever was acknowledged is in the store.
 pub fn audit(disk: &Disk, seen: &Seen) -> Result<(), String> {
-    // Until there is a job nothing is acknowledged; a failed one is begun again by its owner.
-    let Some(JobState::Running | JobState::Paused | JobState::Done) = seen.state() else { return Ok(()) };
-    let (_, found, _) = reloaded(disk, &seen.acknowledged)?;
-    if found < seen.samples {
+    if seen.status.is_none() {
+        // Until there is a job nothing is acknowledged.
+        return Ok(());
+    }
+    let (state, found, _) = reloaded(disk, seen)?;
+    if state != JobState::Failed && found < seen.samples {
         return Err(format!("{found} samples are in the store, and {} were acknowledged", seen.samples));
     }
     Ok(())
@@ -252,7 +270,7 @@ pub fn audit(disk: &Disk, seen: &Seen) -> Result<(), String> {
 /// A coordinator that starts when all is done finds what the one before it knew.
 pub fn check_state(disk: &Disk, seen: &Seen) -> Result<(), String> {
     let live = (JobState::Done, seen.samples, PICTURE.spec.frames.count());
-    let found = reloaded(disk, &seen.acknowledged)?;
+    let found = reloaded(disk, seen)?;
     if found != live {
         return Err(format!("a coordinator that starts at the end finds {found:?} instead of {live:?}"));
     }

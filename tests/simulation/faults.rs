@@ -36,8 +36,10 @@ pub enum Fault {
     WorkerDies(usize, Duration),
     /// A worker is told to leave, and starts again.
     WorkerLeaves(usize),
-    /// The coordinator's host dies, and comes back.
-    CoordinatorDies(Duration),
+    /// A coordinator's host dies, and comes back.
+    CoordinatorDies(usize, Duration),
+    /// A coordinator's disk does not answer, so that it may be given up for dead, and goes on where it was.
+    CoordinatorHangs(usize, Duration),
     /// Nothing passes between a worker and the coordinator.
     Partition(usize, Duration),
     /// Nothing passes from a worker to the coordinator.
@@ -46,6 +48,8 @@ pub enum Fault {
     Mute(usize, Duration),
     /// Everything between a worker and the coordinator is held back, and comes all at once.
     Hold(usize, Duration),
+    /// Connections of a worker break in the middle of messages.
+    LooseCable(usize, Duration),
     /// A line becomes slow.
     Slow(usize, Duration),
     /// Nothing can be stored.
@@ -69,11 +73,16 @@ pub struct Plan {
     pub witness: bool,
     /// Whether the store is a bucket, where a coordinator that died is missed only after a while.
     pub bucket: bool,
+    /// Coordinators that know the store; all but one stand by.
+    pub coordinators: usize,
     /// By the moment at which they begin.
     pub faults: Vec<(Duration, Fault)>,
     /// Longest time of a message on its way.
     pub latency_max: Duration,
 }
+
+/// Longest waits of a farm in which nothing goes wrong any more.
+const QUARANTINES: Duration = Duration::from_secs(400);
 
 /// Faults begin within this time.
 pub const TROUBLE: Duration = Duration::from_secs(20);
@@ -92,8 +101,10 @@ impl Plan {
         // What a liar says must not come from two.
         let witness = liar.is_none() && dice.percent(60);
         let bucket = dice.percent(30);
+        let coordinators = if dice.percent(40) { 2 } else { 1 };
+        let hosts = Hosts { workers: count as u64, coordinators: coordinators as u64 };
         let mut faults: Vec<_> = (0..dice.roll(12))
-            .map(|_| (dice.millis(TROUBLE.as_millis() as u64), fault(dice, count, liar.is_some())))
+            .map(|_| (dice.millis(TROUBLE.as_millis() as u64), fault(dice, hosts, liar.is_some())))
             .collect();
         faults.sort_by_key(|(at, _)| *at);
         Self {
@@ -101,9 +112,18 @@ impl Plan {
             verify,
             witness,
             bucket,
+            coordinators,
             faults,
             latency_max: Duration::from_millis(2 + dice.roll(100)),
         }
+    }
+
+    /// Once nothing goes wrong any more everything is done within this: the longest waits, which are quarantines that were
+    /// doubled, and twice what the honest workers need for all of it.
+    pub fn bound(&self, samples: u64) -> Duration {
+        let honest = self.workers.iter().filter(|worker| !worker.lies);
+        let speed: f64 = honest.map(Character::samples_per_second).sum();
+        QUARANTINES + Duration::from_secs_f64(2.0 * samples as f64 * (1.0 + self.verify) / speed)
     }
 }
 
@@ -124,14 +144,22 @@ fn vice(dice: &mut Dice, chance: u64, most: u64) -> u64 {
     if dice.percent(chance) { dice.roll(most) } else { 0 }
 }
 
-fn fault(dice: &mut Dice, workers: usize, has_liar: bool) -> Fault {
-    let worker = dice.roll(workers as u64) as usize;
+#[derive(Clone, Copy)]
+struct Hosts {
+    workers: u64,
+    coordinators: u64,
+}
+
+fn fault(dice: &mut Dice, hosts: Hosts, has_liar: bool) -> Fault {
+    let (worker, coordinator) = (dice.roll(hosts.workers) as usize, dice.roll(hosts.coordinators) as usize);
     let (short, long) = (dice.millis(4_000), dice.millis(15_000));
-    match dice.roll(16) {
+    match dice.roll(18) {
         0 | 1 => Fault::WorkerDies(worker, short),
         2 => Fault::WorkerLeaves(worker),
-        // Who delivered what is forgotten with the coordinator: a liar's work from before is believed.
-        3 | 4 if !has_liar => Fault::CoordinatorDies(short),
+        // A comparison that a restart interrupts is not made up for: a liar may go unnoticed.
+        3 | 4 if !has_liar => Fault::CoordinatorDies(coordinator, short),
+        15 if !has_liar => Fault::CoordinatorHangs(coordinator, long),
+        16 => Fault::LooseCable(worker, long),
         5 => Fault::Partition(worker, long),
         6 => Fault::Deaf(worker, long),
         7 => Fault::Mute(worker, long),

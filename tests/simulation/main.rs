@@ -1,7 +1,8 @@
 //! Whole farms on a simulated network, by seed: the real coordinator, store logic, scheduler, workers, gRPC and HTTP/2; only
-//! cables, clocks, disks and processor time are played. Hosts die and come back, lines break in one direction or both, are
-//! slow, or hold everything back and let it go at once; the store is full, slow, or does what it says it did not; workers lie,
-//! fail, and send garbage. When the accidents stop, the job completes with the bits of a single process.
+//! cables, clocks, disks and processor time are played. Hosts die and come back, lines break in one direction or both, in the
+//! middle of messages, are slow, or hold everything back and let it go at once; the store is full, slow, or does what it says it
+//! did not; a coordinator's disk hangs until another coordinator has taken its place; workers lie, fail, and send garbage. When
+//! the accidents stop, the job completes with the bits of a single process.
 //!
 //! `cargo test -p farm-tests --test simulation` runs 500 farms; `cargo test -p farm-tests --test simulation -- --seeds 10000`
 //! as many as asked for, and `-- --seed 17` one of them, with its log.
@@ -15,6 +16,7 @@ mod witness;
 mod worker;
 mod world;
 
+use indicatif::{ProgressBar, ProgressStyle};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -60,6 +62,9 @@ fn alone(seed: u64) -> ExitCode {
 fn many(from: u64, count: u64) -> ExitCode {
     let (next, begun) = (AtomicU64::new(from), Instant::now());
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
+    let style = "{bar:32} {pos} of {len} farms, {eta} left";
+    let bar =
+        ProgressBar::new(count).with_style(ProgressStyle::with_template(style).expect("a template in order"));
     let run = || -> Result<world::Story, (u64, String)> {
         let mut sum = world::Story::default();
         loop {
@@ -72,12 +77,14 @@ fn many(from: u64, count: u64) -> ExitCode {
                 next.store(from + count, Ordering::Relaxed);
             }
             sum += story.map_err(|fault| (seed, fault))?;
+            bar.inc(1);
         }
     };
     let stories: Vec<_> = std::thread::scope(|scope| {
         let runs: Vec<_> = (0..threads).map(|_| scope.spawn(run)).collect();
         runs.into_iter().map(|run| run.join().expect("faults are returned, not thrown")).collect()
     });
+    bar.finish_and_clear();
     let mut sum = world::Story::default();
     for story in stories {
         match story {

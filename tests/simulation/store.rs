@@ -1,6 +1,7 @@
 //! A disk that outlives its host, and that fills up, slows down and lies about what it did.
 
 use futures::stream::BoxStream;
+use futures::{FutureExt, StreamExt};
 use object_store::memory::InMemory;
 use object_store::path::Path;
 use object_store::{
@@ -20,13 +21,17 @@ pub struct Mood {
     pub denies: AtomicBool,
     /// Milliseconds that a put takes.
     pub delay_ms: AtomicU64,
+    /// Something was removed since somebody looked.
+    pub removed: AtomicBool,
 }
 
-/// Objects in memory, with a mood.
+/// Objects in memory, with a mood, as one host sees them.
 #[derive(Clone, Debug)]
 pub struct Disk {
     pub objects: Arc<InMemory>,
     pub mood: Arc<Mood>,
+    /// Whatever this host asks for, and every answer to it, waits.
+    pub hangs: Arc<AtomicBool>,
 }
 
 impl Disk {
@@ -36,7 +41,18 @@ impl Disk {
 
     /// A disk in a good mood.
     pub fn holding(objects: InMemory) -> Self {
-        Self { objects: Arc::new(objects), mood: Arc::default() }
+        Self { objects: Arc::new(objects), mood: Arc::default(), hangs: Arc::default() }
+    }
+
+    /// The same disk, as another host sees it.
+    pub fn elsewhere(&self) -> Self {
+        Self { hangs: Arc::default(), ..self.clone() }
+    }
+
+    async fn wait(&self) {
+        while self.hangs.load(Ordering::Relaxed) {
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
     }
 }
 
@@ -57,7 +73,9 @@ impl ObjectStore for Disk {
         if self.mood.full.load(Ordering::Relaxed) {
             return Err(failure("no space left on device"));
         }
+        self.wait().await;
         let put = self.objects.put_opts(location, payload, opts).await?;
+        self.wait().await;
         if self.mood.denies.load(Ordering::Relaxed) {
             return Err(failure("the reply was lost"));
         }
@@ -73,15 +91,29 @@ impl ObjectStore for Disk {
     }
 
     async fn get_opts(&self, location: &Path, options: GetOptions) -> Result<GetResult> {
-        self.objects.get_opts(location, options).await
+        self.wait().await;
+        let got = self.objects.get_opts(location, options).await;
+        self.wait().await;
+        got
     }
 
     fn delete_stream(&self, locations: BoxStream<'static, Result<Path>>) -> BoxStream<'static, Result<Path>> {
-        self.objects.delete_stream(locations)
+        let disk = self.clone();
+        let begun = async move {
+            disk.wait().await;
+            disk.mood.removed.store(true, Ordering::Relaxed);
+            disk.objects.delete_stream(locations)
+        };
+        begun.into_stream().flatten().boxed()
     }
 
     fn list(&self, prefix: Option<&Path>) -> BoxStream<'static, Result<ObjectMeta>> {
-        self.objects.list(prefix)
+        let (disk, prefix) = (self.clone(), prefix.cloned());
+        let begun = async move {
+            disk.wait().await;
+            disk.objects.list(prefix.as_ref())
+        };
+        begun.into_stream().flatten().boxed()
     }
 
     async fn list_with_delimiter(&self, prefix: Option<&Path>) -> Result<ListResult> {

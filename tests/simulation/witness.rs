@@ -3,7 +3,7 @@
 
 use crate::coordinator::Seen;
 use crate::faults::Dice;
-use crate::network::dialer;
+use crate::network::{Cable, dialer};
 use crate::picture::rendered;
 use farm_film::WorkUnit;
 use farm_job::LeaseId;
@@ -45,7 +45,12 @@ pub async fn live(sayings: Sayings, seen: Arc<Mutex<Seen>>, seed: u64) -> turmoi
         slots: 1,
         fingerprint: FINGERPRINT.to_owned(),
     };
-    tokio::spawn(keep_connected(Target::Memory(dialer()), hello, Duration::from_secs(3600), sender));
+    tokio::spawn(keep_connected(
+        Target::Memory(dialer(Arc::new(Cable::new(seed)))),
+        hello,
+        Duration::from_secs(3600),
+        sender,
+    ));
     let mut dice = Dice::new(seed);
     let mut talk: Option<Talk> = None;
     let mut pause = tokio::time::interval(PAUSE);

@@ -1,13 +1,13 @@
 //! A host with a worker on it: the real one, but its threads take simulated time, and it may have vices.
 
 use crate::faults::Dice;
-use crate::network::dialer;
+use crate::network::{Cable, dialer};
 use crate::picture::rendered;
 use crate::witness::Sayings;
-use farm_film::{FilmTile, Tile, WorkUnit};
+use farm_film::{FilmTile, LEAF_SAMPLES, SampleBlock, Tile, WorkUnit};
 use farm_image::encode_partial;
 use farm_job::Digest;
-use farm_proto::convert::UnitResult;
+use farm_proto::convert::{Grant, UnitResult};
 use farm_worker::driver::{Config, Left, Order, WorkerError, run};
 use farm_worker::link::Target;
 use farm_worker::render_pool::{Assignment, Ended, MakePool, Pool};
@@ -20,6 +20,9 @@ use tokio::sync::mpsc::{self, UnboundedSender};
 /// A worker that is told to leave has this long.
 const GRACE: Duration = Duration::from_secs(2);
 
+/// A unit over which a worker dawdles takes so many times as long.
+const DAWDLING: u32 = 20;
+
 /// What a worker is like.
 #[derive(Clone, Debug)]
 pub struct Character {
@@ -31,10 +34,19 @@ pub struct Character {
     pub garbage: u64,
     /// Percent of units that it cannot render.
     pub fails: u64,
-    /// Percent of units that take twenty times as long.
+    /// Percent of units that it dawdles over.
     pub dawdles: u64,
     /// Whether its results are well-formed and wrong.
     pub lies: bool,
+}
+
+impl Character {
+    /// What it gets done, on average, while nothing disturbs it.
+    pub fn samples_per_second(&self) -> f64 {
+        let useful = 1.0 - (self.garbage + self.fails) as f64 / 100.0;
+        let dawdling = 1.0 + (DAWDLING - 1) as f64 * self.dawdles as f64 / 100.0;
+        self.slots as f64 * useful / (self.pace_ms as f64 / 1000.0 * dawdling) * 1000.0
+    }
 }
 
 /// The life of a worker, from start to crash. It starts again when it leaves, as a service would.
@@ -42,6 +54,7 @@ pub async fn live(
     character: Character,
     seed: u64,
     leave: Arc<Mutex<mpsc::Receiver<()>>>,
+    cable: Arc<Cable>,
     sayings: Sayings,
 ) -> Result<(), WorkerError> {
     loop {
@@ -51,7 +64,7 @@ pub async fn live(
             threads: character.slots,
             pool: maker(character.clone(), seed, sayings.clone()),
             scenes: Arc::new(SceneCache::new(None, None)),
-            target: Target::Memory(dialer()),
+            target: Target::Memory(dialer(cable.clone())),
             retry_for: Duration::from_secs(3600),
         };
         let mut worker = std::pin::pin!(run(config, receiver));
@@ -98,10 +111,16 @@ impl Pool for TimedPool {
             let _slot = slots.acquire_owned().await;
             let mut roll = |chance: u64| dice.lock().expect("nothing panics in here").percent(chance);
             let lease = assignment.grant.lease;
-            let time =
-                duration(&character, &assignment.grant.unit) * if roll(character.dawdles) { 20 } else { 1 };
-            if !slept(time, &assignment).await {
-                let _ = ended.send(Ended::Stopped(lease));
+            let time = duration(&character, &assignment.grant.unit)
+                * if roll(character.dawdles) { DAWDLING } else { 1 };
+            let worked = work(time, &assignment).await;
+            if worked < time {
+                let finished = part(&assignment.grant, worked.div_duration_f64(time));
+                let finished = finished.filter(|_| assignment.stop.is_hand_back() && !character.lies);
+                let _ = ended.send(match finished {
+                    Some(grant) => Ended::Rendered(Box::new(rendered(&grant))),
+                    None => Ended::Stopped(lease),
+                });
             } else if roll(character.fails) {
                 let _ = ended.send(Ended::Failed(lease, "the simulation says so".to_owned()));
             } else {
@@ -123,19 +142,29 @@ fn duration(character: &Character, unit: &WorkUnit) -> Duration {
     Duration::from_micros(samples * character.pace_ms)
 }
 
-/// Whether the time passed without a word to stop.
-async fn slept(time: Duration, assignment: &Assignment) -> bool {
+/// Takes time until it is told to stop; how much it was.
+async fn work(time: Duration, assignment: &Assignment) -> Duration {
     let step = Duration::from_millis(100);
-    let mut left = time;
-    while !left.is_zero() {
-        let now = left.min(step);
+    let mut worked = Duration::ZERO;
+    while worked < time {
+        let now = step.min(time - worked);
         tokio::time::sleep(now).await;
         if assignment.stop.is_set() {
-            return false;
+            break;
         }
-        left -= now;
+        worked += now;
     }
-    true
+    worked
+}
+
+/// The largest node from the first sample on of which all leaves are finished.
+fn part(grant: &Grant, share: f64) -> Option<Grant> {
+    let block = grant.unit.block;
+    let leaves = block.samples() / LEAF_SAMPLES;
+    let finished = (leaves as f64 * share) as u64;
+    let samples = LEAF_SAMPLES << finished.checked_ilog2()?;
+    let block = SampleBlock::new(block.start()..block.start() + samples).ok()?;
+    Some(Grant { unit: WorkUnit { block, ..grant.unit }, ..*grant })
 }
 
 /// A well-formed result that says whatever it is told to say.
@@ -177,8 +206,9 @@ fn garbage(
         bytes.truncate(bytes.len() / 2);
         result.digest = Digest(*blake3::hash(&bytes).as_bytes());
     } else {
-        let middle = bytes.len() / 2;
-        bytes[middle] ^= 0x10;
+        // The last bytes are of pixels, where nothing but the digest tells; a header may say by itself that it is damaged.
+        let place = bytes.len() - 30;
+        bytes[place] ^= 0x10;
     }
     result.partial_exr = bytes.into();
     result

@@ -2,7 +2,8 @@
 
 use crate::coordinator::{self, Seen};
 use crate::faults::{Dice, Fault, Plan, TROUBLE};
-use crate::network::COORDINATOR;
+use crate::network::{COORDINATORS, Cable};
+use crate::picture::PICTURE;
 use crate::store::Disk;
 use crate::witness::{self, Sayings, WITNESS};
 use crate::worker;
@@ -15,9 +16,6 @@ use turmoil::Sim;
 
 /// Granularity of simulated time.
 const TICK: Duration = Duration::from_millis(10);
-
-/// Once nothing goes wrong any more everything is done within this. The longest wait is a quarantine that was doubled.
-const LIVENESS: Duration = Duration::from_secs(400);
 
 /// What happened in one farm, or in many.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,6 +61,9 @@ pub fn note_panics() {
 /// What outlives hosts.
 struct World {
     disk: Disk,
+    /// The disk as each coordinator sees it.
+    views: Vec<Disk>,
+    cables: Vec<Arc<Cable>>,
     seen: Arc<Mutex<Seen>>,
     bucket: bool,
     leave: Vec<mpsc::Sender<()>>,
@@ -83,16 +84,19 @@ fn simulate(seed: u64) -> Result<Story, String> {
     let mut dice = Dice::new(seed);
     let plan = Plan::new(&mut dice);
     tracing::info!(?plan, "a farm");
+    let bound = plan.bound(PICTURE.samples() * PICTURE.spec.frames.count());
     let mut sim = turmoil::Builder::new()
         .tick_duration(TICK)
         .min_message_latency(Duration::from_millis(1))
         .max_message_latency(plan.latency_max)
-        .simulation_duration(TROUBLE + LIVENESS * 2)
+        .simulation_duration((TROUBLE + bound) * 2)
         .tcp_capacity(1 << 20)
         .rng_seed(seed)
         .build();
     let mut world = World {
         disk: Disk::new(),
+        views: Vec::new(),
+        cables: Vec::new(),
         seen: Arc::default(),
         bucket: plan.bucket,
         leave: Vec::new(),
@@ -102,6 +106,7 @@ fn simulate(seed: u64) -> Result<Story, String> {
     world.build(&mut sim, &plan, seed);
     let mut faults = plan.faults.iter().copied().peekable();
     let quiet = |world: &World| world.dead.is_empty() && world.ends.is_empty();
+    let has_liar = plan.workers.iter().any(|worker| worker.lies);
     let mut calm_since = None;
     loop {
         let now = sim.elapsed();
@@ -119,6 +124,10 @@ fn simulate(seed: u64) -> Result<Story, String> {
         if !calm {
             calm_since = None;
         }
+        world.end_who_is_fenced(&mut sim, now);
+        if world.disk.mood.removed.swap(false, Ordering::Relaxed) && !has_liar {
+            world.audit();
+        }
         let seen = world.seen.lock().expect("nothing panics in here");
         if let Some(fault) = &seen.broken {
             return Err(fault.clone());
@@ -126,8 +135,8 @@ fn simulate(seed: u64) -> Result<Story, String> {
         if calm && seen.done {
             break;
         }
-        if calm && now - since > LIVENESS {
-            return Err(format!("not done {} s after the last fault: {seen:#?}", LIVENESS.as_secs()));
+        if calm && now - since > bound {
+            return Err(format!("not done {} s after the last fault: {seen:#?}", bound.as_secs()));
         }
     }
     let seconds = sim.elapsed().as_secs();
@@ -135,14 +144,17 @@ fn simulate(seed: u64) -> Result<Story, String> {
     coordinator::check_pictures(&world.disk)?;
     let seen = world.seen.lock().expect("nothing panics in here");
     coordinator::check_state(&world.disk, &seen)?;
-    let liars = plan.workers.iter().filter(|worker| worker.lies).count() as u64;
-    Ok(Story { faults: plan.faults.len() as u64, liars, seconds, ..seen.story() })
+    let (faults, liars) = (plan.faults.len() as u64, u64::from(has_liar));
+    Ok(Story { faults, liars, seconds, ..seen.story() })
 }
 
 impl World {
     fn build(&mut self, sim: &mut Sim<'_>, plan: &Plan, seed: u64) {
-        let (disk, seen, verify) = (self.disk.clone(), self.seen.clone(), plan.verify);
-        sim.host(COORDINATOR, move || coordinator::live(disk.clone(), seen.clone(), verify));
+        for (host, name) in COORDINATORS.iter().enumerate().take(plan.coordinators) {
+            let (disk, seen, verify) = (self.disk.elsewhere(), self.seen.clone(), plan.verify);
+            self.views.push(disk.clone());
+            sim.host(*name, move || coordinator::live(disk.clone(), seen.clone(), verify, host));
+        }
         let sayings = Sayings::default();
         if plan.witness {
             let (sayings, seen) = (sayings.clone(), self.seen.clone());
@@ -152,34 +164,26 @@ impl World {
             let (sender, leave) = mpsc::channel(8);
             self.leave.push(sender);
             let (character, leave) = (character.clone(), Arc::new(Mutex::new(leave)));
-            let (name, sayings) = (character.name.clone(), sayings.clone());
+            let (name, sayings, seed) = (character.name.clone(), sayings.clone(), seed ^ index as u64);
+            let cable = Arc::new(Cable::new(seed));
+            self.cables.push(cable.clone());
             sim.host(name, move || {
-                let (character, leave, sayings) = (character.clone(), leave.clone(), sayings.clone());
-                async move { Ok(worker::live(character, seed ^ index as u64, leave, sayings).await?) }
+                let (character, leave) = (character.clone(), leave.clone());
+                let (cable, sayings) = (cable.clone(), sayings.clone());
+                async move { Ok(worker::live(character, seed, leave, cable, sayings).await?) }
             });
         }
     }
 
     fn begin(&mut self, sim: &mut Sim<'_>, fault: Fault, now: Duration) {
-        let name = |worker: usize| format!("worker-{worker}");
         let mood = &self.disk.mood;
         let lasts = match fault {
             Fault::WorkerDies(worker, lasts) => {
-                let worker = name(worker);
-                if !self.dead.iter().any(|(_, dead)| *dead == worker) {
-                    sim.crash(worker.as_str());
-                    self.dead.push((now + lasts, worker));
-                }
+                self.kill(sim, name(worker), now + lasts);
                 return;
             }
-            Fault::CoordinatorDies(lasts) => {
-                if !self.dead.iter().any(|(_, dead)| dead == COORDINATOR) {
-                    sim.crash(COORDINATOR);
-                    if !self.bucket {
-                        coordinator::process_is_dead(&self.disk);
-                    }
-                    self.dead.push((now + lasts, COORDINATOR.to_owned()));
-                }
+            Fault::CoordinatorDies(host, lasts) => {
+                self.kill_coordinator(sim, host, now + lasts);
                 return;
             }
             Fault::WorkerLeaves(worker) => {
@@ -187,34 +191,40 @@ impl World {
                 return;
             }
             Fault::Audit => {
-                let mut seen = self.seen.lock().expect("nothing panics in here");
-                if let Err(fault) = coordinator::audit(&self.disk, &seen) {
-                    seen.broken.get_or_insert(fault);
-                }
+                self.audit();
                 return;
             }
             Fault::ClockJumps(ahead) => {
                 self.seen.lock().expect("nothing panics in here").clock_jump += ahead;
                 return;
             }
+            Fault::CoordinatorHangs(host, lasts) => {
+                self.views[host].hangs.store(true, Ordering::Relaxed);
+                lasts
+            }
             Fault::Partition(worker, lasts) => {
-                sim.partition(name(worker), COORDINATOR);
+                self.coordinators().for_each(|host| sim.partition(name(worker), host));
                 lasts
             }
             Fault::Deaf(worker, lasts) => {
-                sim.partition_oneway(name(worker), COORDINATOR);
+                self.coordinators().for_each(|host| sim.partition_oneway(name(worker), host));
                 lasts
             }
             Fault::Mute(worker, lasts) => {
-                sim.partition_oneway(COORDINATOR, name(worker));
+                self.coordinators().for_each(|host| sim.partition_oneway(host, name(worker)));
                 lasts
             }
             Fault::Hold(worker, lasts) => {
-                sim.hold(name(worker), COORDINATOR);
+                self.coordinators().for_each(|host| sim.hold(name(worker), host));
+                lasts
+            }
+            Fault::LooseCable(worker, lasts) => {
+                self.cables[worker].loose.store(true, Ordering::Relaxed);
                 lasts
             }
             Fault::Slow(worker, lasts) => {
-                sim.set_link_latency(name(worker), COORDINATOR, Duration::from_millis(700));
+                let latency = Duration::from_millis(700);
+                self.coordinators().for_each(|host| sim.set_link_latency(name(worker), host, latency));
                 lasts
             }
             Fault::StoreFull(lasts) => {
@@ -248,21 +258,63 @@ impl World {
     }
 
     fn end(&self, sim: &mut Sim<'_>, fault: Fault) {
-        let name = |worker: usize| format!("worker-{worker}");
         let mood = &self.disk.mood;
         match fault {
             Fault::Partition(worker, _) | Fault::Deaf(worker, _) | Fault::Mute(worker, _) => {
-                sim.repair(name(worker), COORDINATOR);
+                self.coordinators().for_each(|host| sim.repair(name(worker), host));
             }
-            Fault::Hold(worker, _) => sim.release(name(worker), COORDINATOR),
+            Fault::Hold(worker, _) => {
+                self.coordinators().for_each(|host| sim.release(name(worker), host));
+            }
             Fault::Slow(worker, _) => {
-                sim.set_link_latency(name(worker), COORDINATOR, Duration::from_millis(5));
+                let latency = Duration::from_millis(5);
+                self.coordinators().for_each(|host| sim.set_link_latency(name(worker), host, latency));
             }
+            Fault::LooseCable(worker, _) => self.cables[worker].loose.store(false, Ordering::Relaxed),
+            Fault::CoordinatorHangs(host, _) => self.views[host].hangs.store(false, Ordering::Relaxed),
             Fault::StoreFull(_) => mood.full.store(false, Ordering::Relaxed),
             Fault::StoreDenies(_) => mood.denies.store(false, Ordering::Relaxed),
             Fault::StoreSlow(_) => mood.delay_ms.store(0, Ordering::Relaxed),
-            Fault::WorkerDies(..) | Fault::WorkerLeaves(_) | Fault::CoordinatorDies(_) => {}
+            Fault::WorkerDies(..) | Fault::WorkerLeaves(_) | Fault::CoordinatorDies(..) => {}
             Fault::ClockJumps(_) | Fault::Audit => {}
         }
     }
+
+    fn coordinators(&self) -> impl Iterator<Item = &'static str> + use<> {
+        COORDINATORS.into_iter().take(self.views.len())
+    }
+
+    fn kill(&mut self, sim: &mut Sim<'_>, host: String, until: Duration) -> bool {
+        let lives = !self.dead.iter().any(|(_, dead)| *dead == host);
+        if lives {
+            sim.crash(host.as_str());
+            self.dead.push((until, host));
+        }
+        lives
+    }
+
+    fn kill_coordinator(&mut self, sim: &mut Sim<'_>, host: usize, until: Duration) {
+        if self.kill(sim, COORDINATORS[host].to_owned(), until) && !self.bucket {
+            let turn = self.seen.lock().expect("nothing panics in here").turns.get(&host).copied();
+            turn.into_iter().for_each(|turn| coordinator::process_is_dead(&self.disk, turn));
+        }
+    }
+
+    /// A coordinator that has lost the store ends, and is started again as a service would be.
+    fn end_who_is_fenced(&mut self, sim: &mut Sim<'_>, now: Duration) {
+        let fenced = std::mem::take(&mut self.seen.lock().expect("nothing panics in here").fenced);
+        fenced.into_iter().for_each(|host| self.kill_coordinator(sim, host, now + Duration::from_secs(1)));
+    }
+
+    fn audit(&self) {
+        let mut seen = self.seen.lock().expect("nothing panics in here");
+        if let Err(fault) = coordinator::audit(&self.disk, &seen) {
+            seen.broken.get_or_insert(fault);
+        }
+    }
+}
+
+/// A worker's host.
+fn name(worker: usize) -> String {
+    format!("worker-{worker}")
 }

@@ -58,7 +58,8 @@ impl Stop {
         self.0.load(Ordering::Relaxed) != 0
     }
 
-    fn is_hand_back(&self) -> bool {
+    /// Whether it was told to hand back what is finished.
+    pub fn is_hand_back(&self) -> bool {
         self.0.load(Ordering::Relaxed) == Self::HAND_BACK
     }
 }

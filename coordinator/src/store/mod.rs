@@ -152,6 +152,11 @@ impl Store {
         self.session
     }
 
+    /// The number of this coordinator's turn to write.
+    pub fn epoch(&self) -> u64 {
+        self.turn.epoch()
+    }
+
     /// Says who has taken the store over.
     pub fn lost(&self) -> watch::Receiver<Option<String>> {
         self.turn.lost()
