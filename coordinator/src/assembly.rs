@@ -84,6 +84,8 @@ pub enum Report {
     },
     /// A frame is good enough with so many samples per pixel.
     Enough(JobId, FrameIndex, u64),
+    /// Tiles of a frame have enough with so many samples per pixel.
+    TilesEnded(JobId, FrameIndex, Vec<Tile>, u64),
     /// A partial cannot be part of its frame.
     Refused {
         /// As it was claimed.
@@ -304,6 +306,9 @@ impl Assembly {
             Ok(round) => {
                 if let Some((plan, pixels)) = plan.cloned().zip(round.look) {
                     let _ = self.frames.send(FrameTask::Look { job: id, frame, plan, spp, pixels });
+                }
+                if !round.ended.is_empty() {
+                    let _ = self.reports.send(Report::TilesEnded(id, frame, round.ended, spp));
                 }
                 if round.ends {
                     let _ = self.reports.send(Report::Enough(id, frame, spp));

@@ -34,7 +34,7 @@ impl Spent {
 /// A frame at a moment when every tile had the same samples, or at its end. What was rendered beyond them is not part of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Checkpoint {
-    /// Samples per pixel.
+    /// Samples per pixel; the most, where tiles have ended on their own.
     pub spp: u64,
     /// Samples over all pixels.
     pub samples: u64,

@@ -420,6 +420,10 @@ impl Driver {
                 self.handle(Event::UnitAccepted { delivery, render: spent.busy });
             }
             Report::Enough(job, frame, spp) => self.handle(Event::FrameTruncated { job, frame, spp }),
+            Report::TilesEnded(job, frame, tiles, spp) => {
+                debug!(%job, %frame, spp, tiles = tiles.len(), "tiles ended");
+                self.handle(Event::TilesEnded { job, frame, tiles, spp });
+            }
             Report::Refused { delivery, reason } => {
                 warn!(worker = %delivery.worker, unit = %delivery.unit, %reason, "partial cannot be merged");
                 self.reject(&delivery, &reason);

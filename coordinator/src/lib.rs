@@ -1,5 +1,6 @@
 //! Splits frames into work units, hands them to workers and merges what comes back. Acknowledges only what is safe.
 
+mod adaptive;
 mod assembly;
 mod check;
 mod checkpoint;

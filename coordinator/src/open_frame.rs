@@ -1,8 +1,10 @@
 //! A frame under way: whole pictures, one round after the other.
 //!
 //! Samples become part of the picture only once every tile has them, in the order of the rounds. So whatever is said of the
-//! picture in between, and whether it ends there, depends on the samples alone and never on who was faster.
+//! picture in between, and whether it ends there, or some of its tiles do, depends on the samples alone and never on who was
+//! faster.
 
+use crate::adaptive::Adaptive;
 use crate::checkpoint::{Checkpoint, Spent};
 use crate::forecast::{self, Cause, Forecast};
 use crate::outputs::FinishedFrame;
@@ -43,6 +45,8 @@ pub struct OpenFrame {
     spp: u64,
     /// Samples per pixel that were decided on.
     end: Option<u64>,
+    /// The same for tiles that have ended on their own.
+    ended: BTreeMap<Tile, u64>,
     /// Of the picture.
     error: Option<ErrorEstimate>,
     checkpoints: Vec<Checkpoint>,
@@ -60,6 +64,8 @@ struct Held {
 pub struct Round {
     /// It ends with this round.
     pub ends: bool,
+    /// These tiles of it do.
+    pub ended: Vec<Tile>,
     /// Its picture, for whoever wanted to see it.
     pub look: Option<Vec<Rgb>>,
 }
@@ -95,6 +101,7 @@ impl OpenFrame {
             last: None,
             spp: 0,
             end: None,
+            ended: BTreeMap::new(),
             error: None,
             checkpoints: Vec::new(),
             variance: spec.variance.then(Variance::default),
@@ -149,6 +156,11 @@ impl OpenFrame {
         self.film.forget(tile);
         self.held.retain(|(other, _), _| *other != tile);
         self.spent.remove(&tile);
+        if self.spec.stop.adaptive {
+            // All tiles are forgotten together, as each may have decided about the others.
+            self.ended.clear();
+            (self.end, self.spp) = (None, 0);
+        }
         if let Some(variance) = &mut self.variance {
             variance.forget(tile);
         }
@@ -176,13 +188,31 @@ impl OpenFrame {
             self.end = Some(spp);
         }
         if !spp.is_power_of_two() {
-            return Ok(Round { ends: self.end.is_some(), look: None });
+            return Ok(Round { ends: self.end.is_some(), ..Round::default() });
         }
         if let Some(variance) = &mut self.variance {
             variance.doubled(&self.film, self.error.as_ref());
         }
         self.check();
-        Ok(Round { ends: self.end.is_some(), look: look.then(|| self.film.pixels()) })
+        let look = look.then(|| self.film.pixels());
+        Ok(Round { ends: self.end.is_some(), ended: self.end_tiles(spp), look })
+    }
+
+    /// Ends the tiles that need no more samples for the error that is wanted, as the first `spp` samples tell.
+    fn end_tiles(&mut self, spp: u64) -> Vec<Tile> {
+        let Some(target) = self.spec.stop.error.filter(|_| self.spec.stop.adaptive) else {
+            return Vec::new();
+        };
+        if self.end.is_some() || spp < self.spec.stop.spp_min {
+            return Vec::new();
+        }
+        let ended = self.film.tiles_that_end(spp, target);
+        for tile in &ended {
+            assert!(self.film.end_tile(*tile), "the film was asked about the samples that it has");
+            self.ended.insert(*tile, spp);
+        }
+        self.held.retain(|(tile, _), _| !self.ended.contains_key(tile));
+        ended
     }
 
     /// All of the frame is there, `[0, spp)` or what was decided on before.
@@ -201,6 +231,7 @@ impl OpenFrame {
             frame,
             spp: self.spp,
             ended,
+            adaptive: self.spec.stop.adaptive.then(|| Adaptive::of(&self.film)),
             counters: total.counters,
             render: self.span(),
             notes,
@@ -219,6 +250,9 @@ impl OpenFrame {
         if !self.spec.stop.is_never() {
             notes.insert("stop".to_owned(), json!(self.spec.stop));
             notes.insert("ended".to_owned(), json!(ended));
+        }
+        if self.spec.stop.adaptive {
+            notes.insert("adaptive".to_owned(), json!(Adaptive::of(&self.film)));
         }
         notes
     }
@@ -252,12 +286,10 @@ impl OpenFrame {
         Ok(())
     }
 
-    /// Whether all samples up to the present number are there: a store may hold several rounds as one.
+    /// Whether every tile has the present number of samples, or all that it gets: a store may hold several rounds as one.
     fn is_whole(&self) -> bool {
-        let samples =
-            |partial: &FilmTile| partial.tile().area() as u128 * u128::from(partial.block().samples());
-        let there: u128 = self.film.partials().map(samples).sum();
-        there == self.film.resolution().area() as u128 * u128::from(self.spp)
+        let wanted = |tile: Tile| self.ended.get(&tile).copied().unwrap_or(self.spp);
+        self.film.tile_samples().all(|(tile, spp)| spp == wanted(tile))
     }
 
     /// Notes how it stands now.

@@ -1,5 +1,6 @@
 //! Where finished frames go, and how they get there: whole or not at all.
 
+use crate::adaptive::Adaptive;
 use crate::checkpoint::Checkpoint;
 use crate::forecast::Cause;
 use crate::store::frame_path;
@@ -123,6 +124,8 @@ pub struct FinishedFrame {
     pub spp: u64,
     /// Why it has no more of them.
     pub ended: Cause,
+    /// Where its tiles were to end on their own: how many samples they got.
+    pub adaptive: Option<Adaptive>,
     /// Estimated error; none with too few samples to tell.
     pub error: Option<ErrorEstimate>,
     /// What was traced for it.
@@ -162,6 +165,12 @@ pub struct FrameSummary {
     pub counters: Counters,
     /// How it came about, in order; the last is the frame itself.
     pub checkpoints: Vec<Checkpoint>,
+    /// Where its tiles were to end on their own: how many samples they got.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adaptive: Option<Adaptive>,
+    /// Samples per pixel of every tile.
+    #[serde(skip)]
+    pub tile_samples: Vec<(Tile, u64)>,
     /// Estimated error of every tile.
     #[serde(skip)]
     pub tiles: Vec<(Tile, ErrorEstimate)>,
@@ -273,6 +282,8 @@ impl<'a> Resolved<'a> {
             render_s: self.metadata.seconds,
             counters: self.metadata.counters,
             checkpoints: finished.checkpoints.clone(),
+            adaptive: finished.adaptive,
+            tile_samples: finished.film.tile_samples().collect(),
             tiles: finished.film.tile_errors().collect(),
         }
     }

@@ -197,6 +197,9 @@ impl RenderReport {
                     &format!("; that takes about {:.0} spp, {} at this speed", needed.spp, clock(seconds));
             }
         }
+        if let Some(adaptive) = &frame.adaptive {
+            text += &format!("; {adaptive}");
+        }
         Some(text)
     }
 }

@@ -24,10 +24,7 @@ struct TileVariance {
 impl Variance {
     /// Looks at a picture of which every tile has twice the samples of the last time.
     pub fn doubled(&mut self, film: &Film, error: Option<&ErrorEstimate>) {
-        let samples: BTreeMap<Tile, u64> = film.partials().fold(BTreeMap::new(), |mut samples, partial| {
-            *samples.entry(partial.tile()).or_default() += partial.block().samples();
-            samples
-        });
+        let samples: BTreeMap<Tile, u64> = film.tile_samples().collect();
         let fade = decay(error);
         for resolved in film.resolve() {
             let now = samples[&resolved.tile];

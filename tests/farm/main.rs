@@ -1,5 +1,6 @@
 //! Stories of the farm, told by the real programs over loopback.
 
+mod adaptive;
 mod bad_input;
 mod beyond_loopback;
 mod bucket;

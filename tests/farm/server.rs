@@ -2,7 +2,7 @@
 
 use crate::harness::{Place, Running, Said, coordinator, render, run};
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
@@ -107,19 +107,29 @@ impl Server {
 
     /// Waits until the job has ended, and compares its only frame with the one that was rendered alone: the largest difference.
     pub fn difference(&self, place: &Place, job: &str) -> Value {
+        difference_to_alone(&self.fetched(place, job))
+    }
+
+    /// Waits until the job has ended, and fetches its only frame.
+    pub fn fetched(&self, place: &Place, job: &str) -> PathBuf {
         let mut watch = coordinator();
         watch.args(["watch", job, "--to", &self.address]);
         let said = run(watch);
         assert!(said.status.success(), "{}", said.stderr);
         let fetched = place.path("fetched.exr");
         self.ask(&["fetch", job, "-o", fetched.to_str().unwrap()]).json();
-        difference_to_alone(&fetched)
+        fetched
     }
 }
 
 /// The largest difference between a picture of [`PICTURE`] and the one that was rendered alone.
 pub fn difference_to_alone(picture: &Path) -> Value {
+    difference(picture, &ALONE.0.path("alone.exr"))
+}
+
+/// The largest difference between two pictures.
+pub fn difference(one: &Path, other: &Path) -> Value {
     let mut compare = coordinator();
-    compare.arg("compare").arg(picture).arg(ALONE.0.path("alone.exr")).arg("--json");
+    compare.arg("compare").arg(one).arg(other).arg("--json");
     run(compare).json()["max_abs"].clone()
 }

@@ -79,6 +79,15 @@ impl ErrorEstimate {
         })
     }
 
+    /// What `rel_mse` will be after so many doublings of the samples.
+    pub(crate) fn rel_mse_after(&self, doublings: u32) -> f64 {
+        self.rel_mse_at(f64::from(doublings))
+    }
+
+    fn rel_mse_at(&self, doublings: f64) -> f64 {
+        self.rel_parts.iter().zip(RATES).map(|(part, rate)| part * exp2(-rate * doublings)).sum()
+    }
+
     /// Samples per pixel after which `rel_mse` will be `target`; fewer than `spp` where it is below already. None for a target that
     /// is not positive and a picture without error.
     pub fn predict(&self, target: f64) -> Option<Prediction> {
@@ -89,9 +98,7 @@ impl ErrorEstimate {
         let (mut low, mut high) = (-LEVELS, LEVELS);
         while high - low > 1e-6 {
             let middle = 0.5 * (low + high);
-            let parts = self.rel_parts.iter().zip(RATES);
-            let error: f64 = parts.map(|(part, rate)| part * exp2(-rate * middle)).sum();
-            if error > target { low = middle } else { high = middle }
+            if self.rel_mse_at(middle) > target { low = middle } else { high = middle }
         }
         let doublings = 0.5 * (low + high);
         let now = log(self.rel_mse_band);

@@ -1,5 +1,6 @@
 //! A frame's tiles on their way to a picture: the dyadic merge tree.
 
+mod ends;
 mod error;
 
 use crate::{Differences, FilmTile, Resolution, Rgb, SampleBlock, SampleRange, Tile, add_rgb};
@@ -29,7 +30,7 @@ pub enum FilmError {
 pub enum Accepted {
     /// Its samples were new and are now part of the picture.
     New,
-    /// All its samples were there already; nothing changed.
+    /// All its samples were there already, or its tile gets along without them; nothing changed.
     Duplicate,
 }
 
@@ -59,6 +60,8 @@ struct TileTree {
     partials: BTreeMap<u64, FilmTile>,
     /// Differences within the first 2^k samples, by k, for all k that were passed.
     passed: BTreeMap<u32, Differences>,
+    /// All that the tile gets, where that is less than the frame's samples.
+    end: Option<SampleBlock>,
 }
 
 impl Film {
@@ -102,7 +105,8 @@ impl Film {
             .find(|root| root.contains(block))
             .ok_or(FilmError::ForeignBlock(block))?;
         let tree = self.tiles.get_mut(&tile).ok_or(FilmError::ForeignTile(tile))?;
-        if tree.partials.values().any(|held| held.block().contains(block)) {
+        let is_there = tree.partials.values().any(|held| held.block().contains(block));
+        if is_there || tree.has_ended_before(block) {
             return Ok(Accepted::Duplicate);
         }
         if tree.partials.values().any(|held| held.block().overlaps(block)) {
@@ -137,7 +141,7 @@ impl Film {
         self.tiles.values().flat_map(|tree| tree.partials.values())
     }
 
-    /// Whether every sample of every pixel is there.
+    /// Whether every tile has all samples that it gets.
     pub fn is_complete(&self) -> bool {
         self.complete == self.tiles.len()
     }
@@ -186,6 +190,9 @@ impl TileTree {
     }
 
     fn is_complete(&self, roots: &[SampleBlock]) -> bool {
+        if self.end.is_some() {
+            return true;
+        }
         self.partials.len() == roots.len()
             && roots
                 .iter()

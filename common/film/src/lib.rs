@@ -3,6 +3,7 @@
 //! Promise: any split of a frame into tiles and sample blocks, merged in any order, resolves to the same bits.
 //! Reads no clock, socket or file, and knows nothing of scenes.
 
+mod adaptive;
 mod decay;
 mod differences;
 mod error_estimate;
@@ -13,6 +14,7 @@ mod sample_block;
 mod tile;
 mod work_unit;
 
+pub use adaptive::{ADAPTIVE_SPP_MIN, BIAS_OVER_NOISE};
 pub use differences::{Differences, LevelDifferences};
 pub use error_estimate::{ErrorEstimate, Prediction};
 pub use exact_sum::ExactSum;

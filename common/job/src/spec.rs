@@ -50,6 +50,11 @@ pub enum JobSpecError {
     /// No time to render in.
     #[error("a frame cannot stop after no time at all")]
     StopTime,
+    /// Tiles that are to stop on their own, and do not know when.
+    #[error(
+        "tiles can only end on their own on the way to an error, and none is given: --adaptive needs --error"
+    )]
+    StopTiles,
 }
 
 /// When a frame ends before it has all its samples; whichever comes first.
@@ -62,6 +67,9 @@ pub struct Stop {
     pub time: Option<Duration>,
     /// Not for its error before it has so many samples per pixel.
     pub spp_min: u64,
+    /// Tiles also end on their own, at powers of two, once more of their samples would take less off the frame's error than those of
+    /// others.
+    pub adaptive: bool,
 }
 
 impl Stop {
@@ -76,6 +84,7 @@ impl Stop {
                 Err(JobSpecError::StopError(error))
             }
             Self { time: Some(Duration::ZERO), .. } => Err(JobSpecError::StopTime),
+            Self { error: None, adaptive: true, .. } => Err(JobSpecError::StopTiles),
             _ => Ok(()),
         }
     }

@@ -102,6 +102,18 @@ pub enum Event {
         /// Its new number of samples per pixel.
         spp: u64,
     },
+    /// Some tiles of a frame get no more than their first `spp` samples per pixel. Ignored unless a round ends
+    /// there, and where the frame is complete.
+    TilesEnded {
+        /// Which job.
+        job: JobId,
+        /// Which picture.
+        frame: FrameIndex,
+        /// Which part of it.
+        tiles: Vec<Tile>,
+        /// Samples per pixel.
+        spp: u64,
+    },
     /// A worker has connected; its fingerprint was checked.
     WorkerJoined {
         /// This connection.

@@ -28,6 +28,7 @@ pub(crate) struct Plan {
     columns: u32,
     rows: u32,
     rounds: Vec<SampleBlock>,
+    adaptive: bool,
 }
 
 impl Plan {
@@ -42,6 +43,7 @@ impl Plan {
             columns: resolution.width().div_ceil(spec.tile_side),
             rows: resolution.height().div_ceil(spec.tile_side),
             rounds: spec.rounds()?,
+            adaptive: spec.stop.adaptive,
         })
     }
 
@@ -58,6 +60,11 @@ impl Plan {
     /// Blocks that follow each other from sample 0 to the last one.
     pub fn rounds(&self) -> &[SampleBlock] {
         &self.rounds
+    }
+
+    /// Whether tiles may end on their own, by what the samples of the whole frame say.
+    pub fn is_adaptive(&self) -> bool {
+        self.adaptive
     }
 
     /// Samples over all pixels of a frame in round `round`.
@@ -121,6 +128,11 @@ impl Plan {
     /// The whole of `cell`.
     pub fn block(&self, cell: Cell) -> SampleBlock {
         self.rounds[usize::from(cell.round)]
+    }
+
+    /// Samples over all pixels of the whole of `cell`.
+    pub fn cell_samples(&self, cell: Cell) -> u128 {
+        self.tile(cell.tile).area() as u128 * u128::from(self.block(cell).samples())
     }
 
     /// `block` of a cell as a unit.

@@ -18,10 +18,18 @@ pub(crate) struct Progress {
     frames: BTreeMap<u32, FrameProgress>,
     /// Complete, although planning has not passed them yet.
     complete_ahead: BTreeSet<u32>,
-    /// Rounds of complete frames that were ended early.
-    cut: BTreeMap<u32, u8>,
+    /// Complete frames that were ended early, or parts of which were.
+    cut: BTreeMap<u32, Cut>,
     frames_done: u64,
     samples_done: u128,
+    samples: u128,
+}
+
+/// What a complete frame has got that has less than the others.
+#[derive(Clone, Debug)]
+struct Cut {
+    rounds: u8,
+    /// Over all pixels.
     samples: u128,
 }
 
@@ -37,6 +45,12 @@ struct FrameProgress {
     complete: u8,
     /// Rounds this frame gets.
     limit: u8,
+    /// Cells that each round has: those of tiles that have not ended before it.
+    wanted: Vec<u64>,
+    /// Samples over all pixels in them.
+    wanted_samples: Vec<u128>,
+    /// Rounds of the tiles that get fewer than the frame.
+    ended: BTreeMap<u32, u8>,
 }
 
 impl Progress {
@@ -84,8 +98,9 @@ impl Progress {
         frame.limit = rounds;
         let dropped: u128 = frame.samples[before..].iter().sum();
         frame.samples[before..].fill(0);
+        let unwanted: u128 = frame.wanted_samples[before..usize::from(was)].iter().sum();
         self.samples_done -= dropped;
-        self.samples -= frame_samples(plan, rounds, was);
+        self.samples -= unwanted;
         self.advance(plan, position, cursor)
     }
 
@@ -104,7 +119,7 @@ impl Progress {
         }
         self.complete_ahead.remove(&position);
         let rounds = plan.rounds().len() as u8;
-        let limit = self.cut.remove(&position).unwrap_or(rounds);
+        let limit = self.cut.remove(&position).map_or(rounds, |cut| cut.rounds);
         let all = |round: u8| if round < limit { plan.tiles() } else { 0 };
         let samples = |round: u8| if round < limit { plan.round_samples(round) } else { 0 };
         let frame = FrameProgress {
@@ -113,10 +128,68 @@ impl Progress {
             begun: limit,
             complete: limit,
             limit,
+            ..FrameProgress::new(plan)
         };
         self.frames.insert(position, frame);
         self.frames_done -= 1;
         limit
+    }
+
+    /// Forgets all that is known of a frame: it gets all of its rounds again, and so do its tiles.
+    pub fn restart(&mut self, plan: &Plan, position: u32, cursor: Option<Cell>) {
+        let whole = frame_samples(plan, 0, plan.rounds().len() as u8);
+        let was_complete = self.is_complete(position, cursor);
+        let (wanted, done) = match self.frames.remove(&position) {
+            Some(frame) => {
+                let wanted = &frame.wanted_samples[..usize::from(frame.limit)];
+                (wanted.iter().sum(), frame.samples.iter().sum())
+            }
+            None if was_complete => {
+                let samples = self.cut.get(&position).map_or(whole, |cut| cut.samples);
+                (samples, samples)
+            }
+            None => (whole, 0),
+        };
+        self.cut.remove(&position);
+        self.complete_ahead.remove(&position);
+        self.frames_done -= u64::from(was_complete);
+        self.samples = self.samples - wanted + whole;
+        self.samples_done -= done;
+    }
+
+    /// Ends a tile after its first `rounds` rounds, once [`Self::drop_cell`] was told of the others; with the last of its tiles the
+    /// frame ends.
+    pub fn end_tile(&mut self, plan: &Plan, position: u32, tile: u32, rounds: u8) {
+        let frame = self.frame(plan, position);
+        frame.ended.insert(tile, rounds);
+        if frame.ended.len() as u64 == plan.tiles() {
+            let longest = frame.ended.values().copied().max().unwrap_or(rounds);
+            frame.limit = frame.limit.min(longest);
+        }
+    }
+
+    /// Notes that a frame gets along without a cell, of which `durable` samples per pixel were there.
+    pub fn drop_cell(&mut self, plan: &Plan, cell: Cell, durable: u64) {
+        let (round, whole) = (usize::from(cell.round), plan.cell_samples(cell));
+        let frame = self.frame(plan, cell.frame);
+        let done = plan.tile(cell.tile).area() as u128 * u128::from(durable);
+        frame.wanted[round] -= 1;
+        frame.wanted_samples[round] -= whole;
+        frame.cells[round] -= u64::from(done == whole);
+        frame.samples[round] -= done;
+        self.samples_done -= done;
+        self.samples -= whole;
+    }
+
+    /// Rounds that a tile gets.
+    pub fn tile_limit(&self, plan: &Plan, position: u32, tile: u32) -> u8 {
+        let Some(frame) = self.frames.get(&position) else { return plan.rounds().len() as u8 };
+        frame.ended.get(&tile).map_or(frame.limit, |rounds| frame.limit.min(*rounds))
+    }
+
+    /// Whether a tile was ended.
+    pub fn has_ended(&self, position: u32, tile: u32) -> bool {
+        self.frames.get(&position).is_some_and(|frame| frame.ended.contains_key(&tile))
     }
 
     /// Notes that a cell lost all that was durable of it; `left` samples per pixel were not.
@@ -168,30 +241,26 @@ impl Progress {
     }
 
     fn frame(&mut self, plan: &Plan, position: u32) -> &mut FrameProgress {
-        let rounds = plan.rounds().len();
-        self.frames.entry(position).or_insert_with(|| FrameProgress {
-            cells: vec![0; rounds],
-            samples: vec![0; rounds],
-            begun: 0,
-            complete: 0,
-            limit: rounds as u8,
-        })
+        self.frames.entry(position).or_insert_with(|| FrameProgress::new(plan))
     }
 
     /// Announces rounds in order, each when it and all before it are complete, and then the frame.
-    fn advance(&mut self, plan: &Plan, position: u32, cursor: Option<Cell>) -> Vec<Milestone> {
+    pub fn advance(&mut self, plan: &Plan, position: u32, cursor: Option<Cell>) -> Vec<Milestone> {
         let Some(frame) = self.frames.get_mut(&position) else { return Vec::new() };
         let mut reached = Vec::new();
         let spp = |rounds: u8| plan.rounds()[usize::from(rounds) - 1].end();
-        while frame.complete < frame.limit && frame.cells[usize::from(frame.complete)] == plan.tiles() {
+        while frame.complete < frame.limit
+            && frame.cells[usize::from(frame.complete)] == frame.wanted[usize::from(frame.complete)]
+        {
             frame.complete += 1;
             reached.push(Milestone::Round { frame: position, spp: spp(frame.complete) });
         }
         if frame.complete >= frame.limit {
             let limit = frame.limit;
             reached.push(Milestone::Frame { frame: position, spp: spp(limit) });
-            if usize::from(limit) < plan.rounds().len() {
-                self.cut.insert(position, limit);
+            if usize::from(limit) < plan.rounds().len() || !frame.ended.is_empty() {
+                let samples = frame.wanted_samples[..usize::from(limit)].iter().sum();
+                self.cut.insert(position, Cut { rounds: limit, samples });
             }
             self.frames.remove(&position);
             self.frames_done += 1;
@@ -200,6 +269,22 @@ impl Progress {
             }
         }
         reached
+    }
+}
+
+impl FrameProgress {
+    fn new(plan: &Plan) -> Self {
+        let rounds = plan.rounds().len();
+        Self {
+            cells: vec![0; rounds],
+            samples: vec![0; rounds],
+            begun: 0,
+            complete: 0,
+            limit: rounds as u8,
+            wanted: vec![plan.tiles(); rounds],
+            wanted_samples: (0..rounds as u8).map(|round| plan.round_samples(round)).collect(),
+            ended: BTreeMap::new(),
+        }
     }
 }
 

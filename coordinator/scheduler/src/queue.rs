@@ -235,8 +235,46 @@ impl Queue {
         Some(Accepted { displaced, milestones })
     }
 
+    /// Ends tiles of a frame at `spp` samples per pixel. None when that is not the end of a round, or the frame is complete.
+    pub fn end_tiles(&mut self, frame: FrameIndex, tiles: &[Tile], spp: u64) -> Option<Accepted> {
+        let position = self.plan.frame_position(frame)?;
+        let rounds = 1 + self.plan.rounds().iter().position(|round| round.end() == spp)? as u8;
+        let limit = self.progress.limit(&self.plan, position);
+        if self.progress.is_complete(position, self.cursor) || rounds >= limit {
+            return None;
+        }
+        let is_open = |tile: &u32| !self.progress.has_ended(position, *tile);
+        let tiles: BTreeSet<u32> =
+            tiles.iter().filter_map(|tile| self.plan.tile_position(*tile)).filter(is_open).collect();
+        let mut displaced = Vec::new();
+        for tile in tiles {
+            for round in rounds..limit {
+                displaced.extend(self.drop_cell(Cell { frame: position, round, tile }));
+            }
+            self.progress.end_tile(&self.plan, position, tile, rounds);
+        }
+        let milestones = self.progress.advance(&self.plan, position, self.cursor);
+        self.advance();
+        Some(Accepted { displaced, milestones })
+    }
+
+    /// Gets along without a cell; the leases on it, which end.
+    fn drop_cell(&mut self, cell: Cell) -> Vec<LeaseId> {
+        let whole = self.plan.block(cell);
+        let was_touched = self.is_touched(cell);
+        let keys: Vec<_> = self.pieces.range(within(cell, whole)).map(|(key, _)| *key).collect();
+        let pieces: Vec<Piece> = keys.into_iter().filter_map(|key| self.remove(key)).collect();
+        let left: u64 = pieces.iter().map(|piece| piece.block.samples()).sum();
+        self.progress.drop_cell(&self.plan, cell, if was_touched { whole.samples() - left } else { 0 });
+        self.ahead.remove(&cell);
+        pieces.into_iter().flat_map(|piece| piece.leases).collect()
+    }
+
     /// Opens tiles of a frame again, of which some or all is durable; the leases on them, which end.
     pub fn reopen(&mut self, frame: u32, tiles: &[u32]) -> Vec<LeaseId> {
+        if self.plan.is_adaptive() {
+            return self.restart(frame);
+        }
         let rounds = self.progress.reopen(&self.plan, frame, self.cursor);
         let cells = (0..rounds).flat_map(|round| tiles.iter().map(move |&tile| Cell { frame, round, tile }));
         let touched: Vec<Cell> = cells.filter(|cell| self.is_touched(*cell)).collect();
@@ -248,6 +286,29 @@ impl Queue {
             self.progress.undo(&self.plan, cell, pieces.iter().map(|piece| piece.block.samples()).sum());
             displaced.extend(pieces.into_iter().flat_map(|piece| piece.leases));
             self.insert(cell, whole, History::default());
+        }
+        displaced
+    }
+
+    /// Makes a frame one of which nothing is there; the leases on it, which end.
+    fn restart(&mut self, frame: u32) -> Vec<LeaseId> {
+        let cell = |round, tile| Cell { frame, round, tile };
+        let all = PieceKey { cell: cell(0, 0), start: 0 }..PieceKey { cell: cell(u8::MAX, 0), start: 0 };
+        let keys: Vec<_> = self.pieces.range(all).map(|(key, _)| *key).collect();
+        let displaced = keys.into_iter().filter_map(|key| self.remove(key)).flat_map(|piece| piece.leases);
+        let displaced = displaced.collect();
+        let ahead: Vec<Cell> = self.ahead.range(cell(0, 0)..cell(u8::MAX, 0)).copied().collect();
+        for cell in ahead {
+            self.ahead.remove(&cell);
+        }
+        self.progress.restart(&self.plan, frame, self.cursor);
+        let tiles = self.plan.tiles() as u32;
+        let rounds = self.plan.rounds().len() as u8;
+        let cells = (0..rounds).flat_map(|round| (0..tiles).map(move |tile| cell(round, tile)));
+        let cursor = self.cursor;
+        for cell in cells.filter(|cell| cursor.is_none_or(|cursor| *cell < cursor)) {
+            self.progress.begin(&self.plan, cell);
+            self.insert(cell, self.plan.block(cell), History::default());
         }
         displaced
     }
@@ -309,8 +370,12 @@ impl Queue {
         milestones
     }
 
-    /// Whether a cell needs nothing any more, for a reason that lies in its frame.
+    /// Whether a cell needs nothing any more, for a reason that lies in its tile or its frame.
     fn is_ended(&self, cell: Cell) -> bool {
+        self.is_frame_ended(cell) || cell.round >= self.progress.tile_limit(&self.plan, cell.frame, cell.tile)
+    }
+
+    fn is_frame_ended(&self, cell: Cell) -> bool {
         self.progress.is_complete(cell.frame, self.cursor)
             || cell.round >= self.progress.limit(&self.plan, cell.frame)
     }
@@ -331,11 +396,10 @@ impl Queue {
     /// Moves the cursor to the first untouched cell.
     fn advance(&mut self) {
         while let Some(cell) = self.cursor {
-            let ended = self.is_ended(cell);
-            if !ended && !self.ahead.remove(&cell) {
+            if !self.is_ended(cell) && !self.ahead.remove(&cell) {
                 break;
             }
-            self.cursor = if ended {
+            self.cursor = if self.is_frame_ended(cell) {
                 self.progress.pass(cell.frame);
                 cell.frame.checked_add(1).and_then(|frame| self.plan.first_cell(frame))
             } else {

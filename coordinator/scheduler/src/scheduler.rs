@@ -9,7 +9,7 @@ use crate::queue::Accepted;
 use crate::verify::Claim;
 use crate::worker::Workers;
 use crate::{Action, Config, Delivery, Event, JobFault, Timestamp, WhyDisconnect, policy};
-use farm_film::{FrameIndex, WorkUnit};
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
 use std::collections::{BTreeMap, VecDeque};
 
@@ -77,6 +77,7 @@ impl Scheduler {
             Event::FrameTruncated { job, frame, spp } => {
                 self.truncate(job, frame, spp);
             }
+            Event::TilesEnded { job, frame, tiles, spp } => self.end_tiles(job, frame, &tiles, spp),
             Event::WorkerJoined { worker, name, slots } => self.worker_joined(worker, name, slots),
             Event::Heartbeat { worker, leases, round_trip } => self.heartbeat(worker, &leases, round_trip),
             Event::WorkerDraining { worker } => self.worker_draining(worker),
@@ -172,6 +173,16 @@ impl Scheduler {
         let compared = job.checks.remove_if(|unit| unit.frame == frame && unit.block.end() > spp);
         self.revoke(compared);
         self.settle(id, Some(truncated));
+    }
+
+    fn end_tiles(&mut self, id: JobId, frame: FrameIndex, tiles: &[Tile], spp: u64) {
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        let Some(ended) = job.queue.end_tiles(frame, tiles, spp) else { return };
+        let is_pointless =
+            |unit: &WorkUnit| unit.frame == frame && unit.block.end() > spp && tiles.contains(&unit.tile);
+        let compared = job.checks.remove_if(is_pointless);
+        self.revoke(compared);
+        self.settle(id, Some(ended));
     }
 
     fn job_cancelled(&mut self, id: JobId) {

@@ -114,6 +114,8 @@ impl Scheduler {
         let finished = tainted == Tainted::Frame;
         let tiles: Vec<u32> = match tainted {
             Tainted::Frame => (0..plan.tiles() as u32).collect(),
+            // What was wrong may have decided about any of them.
+            Tainted::Tiles(_) if plan.is_adaptive() => (0..plan.tiles() as u32).collect(),
             Tainted::Tiles(tiles) => tiles.into_iter().collect::<BTreeSet<_>>().into_iter().collect(),
         };
         let frame = plan.frame(position);

@@ -16,7 +16,8 @@ pub struct JudgeArgs {
     #[arg(long, env = "FARM_REFERENCE", value_name = "REF.exr", help_heading = "Error")]
     reference: Option<PathBuf>,
 
-    /// Report error against run time there: report.json, convergence.csv, .svg and .png, error.png, summary.md
+    /// Report error against run time there: report.json, convergence.csv, .svg and .png, error.png, summary.md;
+    /// with --adaptive samples.png
     #[arg(long, env = "FARM_REPORT", value_name = "DIR", help_heading = "Error")]
     report: Option<PathBuf>,
 }

@@ -93,6 +93,7 @@ fn merge(parts: Vec<Part>, names: &FrameNames, preview: bool) -> Result<FrameSum
         frame: header.frame,
         spp: film.spp(),
         ended: Cause::Samples,
+        adaptive: None,
         error: film.error_estimate(),
         film,
         counters,

@@ -37,6 +37,11 @@ pub struct WorkArgs {
     #[arg(long, env = "FARM_TIME", allow_negative_numbers = true, value_name = "TIME", value_parser = some_time)]
     time: Option<Duration>,
 
+    /// Let tiles end on their own at powers of two from 64 spp on, so that the samples go where --error needs them. The picture
+    /// then depends on --tile as well, but still on no worker
+    #[arg(long, env = "FARM_ADAPTIVE")]
+    adaptive: bool,
+
     /// Samples per pixel before which no frame ends for its error.
     #[arg(skip)]
     pub spp_min: u64,
@@ -49,7 +54,7 @@ pub struct WorkArgs {
     #[arg(long, env = "FARM_FRAMES", value_name = "A-BxSTEP")]
     frames: Option<FrameRange>,
 
-    /// Side of a tile in pixels; does not change the picture
+    /// Side of a tile in pixels; does not change the picture, but with --adaptive
     #[arg(long, env = "FARM_TILE", value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Farm")]
     tile: u32,
 }
@@ -70,7 +75,7 @@ impl WorkArgs {
     }
 
     fn stop(&self) -> Stop {
-        Stop { error: self.error, time: self.time, spp_min: self.spp_min }
+        Stop { error: self.error, time: self.time, spp_min: self.spp_min, adaptive: self.adaptive }
     }
 
     /// The job.

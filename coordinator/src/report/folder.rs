@@ -37,18 +37,28 @@ impl Folder {
                 .map_err(|err| format!("the frames are written, but not their report: {err}"))
         };
         let json = serde_json::to_vec_pretty(report).map_err(|err| err.to_string())?;
-        let [json_file, csv_file, svg_file, png_file, tiles_file, summary_file] = FILES;
+        let [json_file, csv_file, svg_file, png_file, tiles_file, summary_file, samples_file] = FILES;
         write(json_file, &json)?;
         write(csv_file, table::csv(report).as_bytes())?;
         write(svg_file, chart::svg(report)?.as_bytes())?;
         write(png_file, &chart::png(report)?)?;
-        if let Some(map) = heat_map::png(report)? {
+        if let Some(map) = heat_map::errors(report)? {
             write(tiles_file, &map)?;
+        }
+        if let Some(map) = heat_map::samples(report)? {
+            write(samples_file, &map)?;
         }
         write(summary_file, table::markdown(report).as_bytes())
     }
 }
 
 /// Names of the files of a report.
-const FILES: [&str; 6] =
-    ["report.json", "convergence.csv", "convergence.svg", "convergence.png", "error.png", "summary.md"];
+const FILES: [&str; 7] = [
+    "report.json",
+    "convergence.csv",
+    "convergence.svg",
+    "convergence.png",
+    "error.png",
+    "summary.md",
+    "samples.png",
+];

@@ -138,6 +138,9 @@ pub fn markdown(report: &RenderReport) -> String {
     page += "\nEstimates have bounds within which 95 % of the true errors lie. True errors are against the reference, without its own \
              error where it states that. The slope is that of log(RMSE) over log(seconds) over the last four rows; -0.5 is that of \
              independent samples.\n\n![error over time](convergence.png)\n\n![estimated error per tile](error.png)\n";
+    if report.stop.adaptive {
+        page += "\n![samples per tile](samples.png)\n";
+    }
     page
 }
 

@@ -104,7 +104,12 @@ impl From<JobSpec> for v1::JobSpec {
 
 impl From<Stop> for v1::Stop {
     fn from(stop: Stop) -> Self {
-        Self { error: stop.error, seconds: stop.time.map(|time| time.as_secs_f64()), spp_min: stop.spp_min }
+        Self {
+            error: stop.error,
+            seconds: stop.time.map(|time| time.as_secs_f64()),
+            spp_min: stop.spp_min,
+            adaptive: stop.adaptive,
+        }
     }
 }
 
@@ -116,6 +121,7 @@ impl TryFrom<v1::Stop> for Stop {
             error: stop.error,
             time: stop.seconds.map(|time| seconds("time to stop after", time)).transpose()?,
             spp_min: stop.spp_min,
+            adaptive: stop.adaptive,
         })
     }
 }
@@ -162,7 +168,12 @@ mod tests {
             },
             frames: FrameRange::new(1, 24, 2).unwrap(),
             spp: 100,
-            stop: Stop { error: Some(1e-3), time: Some(std::time::Duration::from_millis(2500)), spp_min: 32 },
+            stop: Stop {
+                error: Some(1e-3),
+                time: Some(std::time::Duration::from_millis(2500)),
+                spp_min: 32,
+                adaptive: true,
+            },
             variance: true,
             tile_side: 64,
             priority: -3,
@@ -189,6 +200,7 @@ mod tests {
         assert!(refused(|job| job.settings.as_mut().unwrap().fps = f64::NAN).contains("frame rate"));
         assert!(refused(|job| job.settings.as_mut().unwrap().filter = 99).contains("99 is no known filter"));
         assert!(refused(|job| job.stop.as_mut().unwrap().error = Some(0.0)).contains("error of 0"));
+        assert!(refused(|job| job.stop.as_mut().unwrap().error = None).contains("none is given"));
         assert!(refused(|job| job.stop.as_mut().unwrap().seconds = Some(-1.0)).contains("time to stop"));
         assert!(refused(|job| job.name = "x".repeat(5000)).contains("5000 bytes"));
     }

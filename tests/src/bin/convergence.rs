@@ -1,13 +1,20 @@
 //! Measures error against run time on the benchmark set and prints its tables.
 
 use clap::Parser;
+use farm_film::{ADAPTIVE_SPP_MIN, BIAS_OVER_NOISE};
 use farm_scene::Filter;
-use farm_tests::convergence::{Effort, measure, plot, report};
+use farm_tests::convergence::{Effort, adaptive, measure, plot, report};
 use farm_tests::scenes::{Named, SCENES};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
+
+/// Independent pictures per point unless said otherwise.
+const SEEDS: u64 = 8;
+
+/// The same for a bias, which is far smaller than the noise of one picture.
+const ADAPTIVE_SEEDS: u64 = 64;
 
 /// Error against run time: true and estimated, of the sequence and of independent samples, from 1 sample per pixel on. Exit code 1 if a
 /// goal is missed.
@@ -20,9 +27,12 @@ struct Settings {
     /// Samples per pixel of the last point; a power of two.
     #[arg(long, default_value_t = 256, value_parser = parse_spp)]
     spp_max: u64,
-    /// Independent pictures per point.
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u64).range(1..=1000))]
-    seeds: u64,
+    /// Independent pictures per point; 8 unless given.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(2..=1000))]
+    seeds: Option<u64>,
+    /// Measures what it gains that tiles end on their own, and its bias, instead; 64 replicates unless --seeds says otherwise.
+    #[arg(long)]
+    adaptive: bool,
     /// Threads; as many as the machine has unless given.
     #[arg(long)]
     threads: Option<usize>,
@@ -67,12 +77,14 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
     let threads = rayon::ThreadPoolBuilder::new().num_threads(settings.threads.unwrap_or(0));
     let threads = threads.build().map_err(|err| err.to_string())?;
     let scenes = if settings.scenes.is_empty() { SCENES[1..].to_vec() } else { settings.scenes.clone() };
-    let effort = Effort { resolution: [64, 36], spp_max: settings.spp_max, seeds: settings.seeds };
+    if settings.adaptive {
+        return threads.install(|| try_adaptive(settings, &scenes));
+    }
+    let seeds = settings.seeds.unwrap_or(SEEDS);
+    let effort = Effort { resolution: [64, 36], spp_max: settings.spp_max, seeds };
     let filters = [Filter::Box, Filter::Gaussian];
     let all: u64 = filters.iter().map(|filter| effort.samples(*filter) * scenes.len() as u64).sum();
-    let style = "{msg:18} {wide_bar} {percent} %, {elapsed} of about {duration}";
-    let bar =
-        ProgressBar::new(all).with_style(ProgressStyle::with_template(style).expect("a template in order"));
+    let bar = progress(all);
     let mut outcomes = Vec::new();
     for (scene, filter) in scenes.iter().flat_map(|scene| filters.map(|filter| (*scene, filter))) {
         bar.set_message(scene.name);
@@ -95,6 +107,39 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
         plot::draw(path, &outcomes)?;
     }
     Ok(misses.is_empty())
+}
+
+/// Whether the bias is below what every adaptive frame says of itself.
+fn try_adaptive(settings: &Settings, scenes: &[Named]) -> Result<bool, String> {
+    let effort = adaptive::Effort {
+        resolution: [64, 40],
+        tile_side: 8,
+        spp_max: settings.spp_max.max(4 * ADAPTIVE_SPP_MIN),
+        seeds: settings.seeds.unwrap_or(ADAPTIVE_SEEDS),
+    };
+    let bar = progress(effort.samples() * scenes.len() as u64);
+    let mut outcomes = Vec::new();
+    for scene in scenes {
+        bar.set_message(scene.name);
+        let outcome = adaptive::measure(*scene, effort, &|spp| bar.inc(spp))?;
+        bar.suspend(|| println!("{outcome:?}"));
+        outcomes.push(outcome);
+    }
+    bar.finish_and_clear();
+    let table = adaptive::markdown(&outcomes);
+    print!("{table}");
+    if let Some(path) = &settings.json {
+        write(path, &serde_json::to_string_pretty(&outcomes).map_err(|err| err.to_string())?)?;
+    }
+    if let Some(path) = &settings.markdown {
+        write(path, &table)?;
+    }
+    Ok(outcomes.iter().all(|outcome| outcome.bias_over_noise <= BIAS_OVER_NOISE))
+}
+
+fn progress(samples: u64) -> ProgressBar {
+    let style = "{msg:18} {wide_bar} {percent} %, {elapsed} of about {duration}";
+    ProgressBar::new(samples).with_style(ProgressStyle::with_template(style).expect("a template in order"))
 }
 
 fn write(path: &Path, text: &str) -> Result<(), String> {

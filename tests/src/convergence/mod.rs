@@ -3,6 +3,7 @@
 //! Every point is measured on several replicates: independent pictures of one prepared scene. A sequence of samples begins anew at
 //! index `2^32 r`, so replicate `r` is the samples from there on.
 
+pub mod adaptive;
 pub mod plot;
 pub mod report;
 pub mod stage;

@@ -1,6 +1,6 @@
 //! Replicates of one scene: pictures, times and estimated errors at every power of two of samples, and a reference.
 
-use farm_film::{ErrorEstimate, Film, FilmTile, LEAF_SAMPLES, Rgb, SampleBlock};
+use farm_film::{ErrorEstimate, Film, FilmTile, LEAF_SAMPLES, Rgb, SampleBlock, Tile};
 use farm_render::{PreparedScene, render};
 use rayon::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
@@ -74,21 +74,28 @@ fn empty_film(scene: &PreparedScene, spp: u64) -> Film {
 
 /// Renders samples of a replicate and adds them as if it were the only one.
 fn add_block(scene: &PreparedScene, replicate: u64, samples: std::ops::Range<u64>, film: &mut Film) {
-    let first = replicate << 32;
+    for tile in scene.resolution().tiles(TILE_SIDE) {
+        film.add(rendered(scene, replicate, tile, samples.clone())).expect("a part of this film");
+    }
+}
+
+/// Samples of a replicate as if it were the only one.
+pub(super) fn rendered(
+    scene: &PreparedScene,
+    replicate: u64,
+    tile: Tile,
+    samples: std::ops::Range<u64>,
+) -> FilmTile {
     let block = |from: u64| {
         SampleBlock::new(samples.start + from..samples.end + from).expect("doubling gives blocks of the tree")
     };
-    for tile in scene.resolution().tiles(TILE_SIDE) {
-        let rendered = render(scene, tile, block(first), &|| false).expect("nobody stops it").tile;
-        let moved = FilmTile::new(tile, block(0), rendered.sums().to_vec())
-            .with_differences(rendered.differences().clone());
-        film.add(moved).expect("a part of this film");
-    }
+    let rendered = render(scene, tile, block(replicate << 32), &|| false).expect("nobody stops it").tile;
+    FilmTile::new(tile, block(0), rendered.sums().to_vec()).with_differences(rendered.differences().clone())
 }
 
 fn checkpoint(film: &Film, spp: u64, seconds: f64) -> Checkpoint {
     let width = film.resolution().width();
-    let pixels_of = |tile: farm_film::Tile| tile.pixels().map(|(x, y)| (y * width + x) as usize).collect();
+    let pixels_of = |tile: Tile| tile.pixels().map(|(x, y)| (y * width + x) as usize).collect();
     Checkpoint {
         spp,
         seconds,

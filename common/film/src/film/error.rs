@@ -66,7 +66,7 @@ impl TileTree {
     }
 }
 
-fn estimate_of_first(level: u32, differences: &Differences) -> Option<ErrorEstimate> {
+pub(super) fn estimate_of_first(level: u32, differences: &Differences) -> Option<ErrorEstimate> {
     let first = SampleBlock::new(0..1 << level).expect("a power of two from sample 0 is a node");
     Decays::new(differences).map(|decays| decays.estimate(&[first]))
 }

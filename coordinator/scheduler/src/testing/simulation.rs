@@ -98,6 +98,8 @@ struct SimJob {
     finished: BTreeMap<FrameIndex, u64>,
     /// Samples per pixel that each frame has announced.
     rounds: BTreeMap<FrameIndex, u64>,
+    /// Samples per pixel of the tiles that were ended since the coordinator was started.
+    ended: BTreeMap<(FrameIndex, Tile), u64>,
     done: bool,
 }
 
@@ -146,8 +148,8 @@ impl World {
         let last = self.dice.roll(3);
         let mut spec = spec(16, 11, side, spp, &format!("0-{last}"));
         spec.priority = self.dice.roll(2) as i32;
-        let (durable, finished, rounds) = Default::default();
-        self.jobs.insert(id, SimJob { spec, durable, finished, rounds, done: false });
+        let (durable, finished, rounds, ended) = Default::default();
+        self.jobs.insert(id, SimJob { spec, durable, finished, rounds, ended, done: false });
         self.resubmit(id);
     }
 
@@ -155,6 +157,7 @@ impl World {
     fn resubmit(&mut self, id: JobId) {
         let job = self.jobs.get_mut(&id).expect("the job was submitted");
         job.rounds.clear();
+        job.ended.clear();
         let durable = job.durable.iter().flat_map(|(&(frame, tile), blocks)| {
             blocks.iter().map(move |&block| WorkUnit { frame, block, tile })
         });
@@ -239,11 +242,12 @@ impl World {
         assert!(known.in_flight <= u64::from(known.slots) * 65, "a worker holds no more than its window");
     }
 
-    /// Every pixel of a frame has each of the first `spp` samples exactly once.
+    /// Every pixel of a frame has each of the first `spp` samples exactly once, or of those that its tile gets.
     fn check_covered(&mut self, id: JobId, frame: FrameIndex, spp: u64) {
         let job = self.job(id);
         for tile in job.spec.resolution().expect("a good job").tiles(job.spec.tile_side) {
             let blocks = job.durable.get(&(frame, tile)).cloned().unwrap_or_default();
+            let spp = job.ended.get(&(frame, tile)).map_or(spp, |end| spp.min(*end));
             let within = blocks.iter().filter(|block| block.end() <= spp);
             let samples: u64 = within.map(|block| block.samples()).sum();
             assert_eq!(samples, spp, "job {id} frame {frame} tile {tile}: {blocks:?}");
@@ -266,7 +270,8 @@ impl World {
                 5..7 => self.reconnect(),
                 7 => self.restart_coordinator(),
                 8..10 => self.say_to_worker(|worker| Event::WorkerDraining { worker }),
-                10..14 => self.command(),
+                10..13 => self.command(),
+                13 => self.end_tiles(),
                 14..18 => self.fail_unit(),
                 18..22 => self.return_unit(),
                 22..40 => self.heartbeat_some(),
@@ -346,6 +351,21 @@ impl World {
             _ => Event::JobResumed { job },
         };
         self.tell(event);
+    }
+
+    /// Some tiles of a frame have enough after a round that was announced.
+    fn end_tiles(&mut self) {
+        let jobs: Vec<_> = self.jobs.keys().copied().collect();
+        let Some(id) = self.dice.pick(&jobs) else { return };
+        let rounds: Vec<_> = self.job(id).rounds.iter().map(|(frame, spp)| (*frame, *spp)).collect();
+        let Some((frame, spp)) = self.dice.pick(&rounds) else { return };
+        let spec = self.job(id).spec.clone();
+        let mut tiles: Vec<_> = spec.resolution().expect("a good job").tiles(spec.tile_side).collect();
+        tiles.retain(|_| self.dice.percent(40));
+        for tile in &tiles {
+            self.job(id).ended.entry((frame, *tile)).or_insert(spp);
+        }
+        self.tell(Event::TilesEnded { job: id, frame, tiles, spp });
     }
 
     fn random_held(&mut self) -> Option<(WorkerId, Held)> {

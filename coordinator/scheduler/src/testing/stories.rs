@@ -392,6 +392,44 @@ fn frame_that_is_good_enough_ends_early() {
 }
 
 #[test]
+fn a_tile_that_has_ended_gets_nothing_more_and_its_frame_goes_on() {
+    let mut farm = Farm::with_workers(1).submit(spec(16, 8, 8, 64, "0-1"));
+    let round = |spp| Action::RoundComplete { job: JOB, frame: FrameIndex(0), spp };
+    while farm.news.last() != Some(&round(16)) {
+        farm.finish(farm.first_of(A), SECOND);
+    }
+    let beyond = farm.first_of(A);
+    assert_eq!(beyond.unit.block.start(), 16);
+    let end = |spp| Event::TilesEnded { job: JOB, frame: FrameIndex(0), tiles: vec![beyond.unit.tile], spp };
+    farm.tell(end(20));
+    assert!(farm.held.contains(&beyond), "20 is not the end of a round");
+    farm.tell(end(16));
+    let is_of_it = |held: &Held| (held.unit.frame, held.unit.tile) == (FrameIndex(0), beyond.unit.tile);
+    assert!(!farm.held.iter().any(is_of_it));
+    assert_eq!(farm.claim(beyond), Verdict::NotNeeded);
+    assert!(!farm.finish_all().iter().any(is_of_it));
+    farm.expect_state(JOB, JobState::Done);
+    assert!(farm.news.contains(&round(32)), "what is left of the frame goes through its rounds");
+    let samples = 64 * (64 + 16 + 2 * 64);
+    assert_eq!((farm.job(JOB).samples_done, farm.job(JOB).samples), (samples, samples));
+}
+
+#[test]
+fn a_frame_ends_when_its_last_tile_does() {
+    let mut farm = Farm::with_workers(1).submit(spec(16, 8, 8, 64, "0"));
+    for (x0, spp) in [(0, 16), (8, 32)] {
+        while farm.news.last() != Some(&Action::RoundComplete { job: JOB, frame: FrameIndex(0), spp }) {
+            farm.finish(farm.first_of(A), SECOND);
+        }
+        let tiles = vec![Tile::new(x0, 0, x0 + 8, 8).unwrap()];
+        farm.tell(Event::TilesEnded { job: JOB, frame: FrameIndex(0), tiles, spp });
+    }
+    assert!(farm.news.contains(&Action::FrameComplete { job: JOB, frame: FrameIndex(0), spp: 32 }));
+    farm.expect_state(JOB, JobState::Done);
+    assert_eq!(farm.job(JOB).samples, 64 * (16 + 32));
+}
+
+#[test]
 fn restarted_job_renders_only_what_is_missing() {
     let spec = spec(16, 8, 8, 64, "0-2");
     let tile = |x0| Tile::new(x0, 0, x0 + 8, 8).unwrap();

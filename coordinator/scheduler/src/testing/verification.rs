@@ -4,7 +4,7 @@ use super::farm::{A, B, C, Farm, Held, JOB, delivery};
 use super::{spec, wrong};
 use crate::{Action, Config, Event, Origin, Reputation, Verdict, WhyIdle};
 use farm_film::{FrameIndex, Tile, WorkUnit};
-use farm_job::{JobSpec, JobState};
+use farm_job::{JobSpec, JobState, Stop};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -114,6 +114,29 @@ fn a_liar_of_a_former_life_gets_nothing() {
     assert_eq!(farm.job(JOB).why_idle, Some(WhyIdle::Distrusted));
     farm.join(A, 1);
     assert!(!farm.held_by(A).is_empty());
+}
+
+#[test]
+fn what_a_liar_may_have_decided_about_is_rendered_again() {
+    let mut job = spec(24, 8, 8, 64, "0-1");
+    job.stop = Stop { error: Some(0.1), adaptive: true, ..Stop::default() };
+    let mut farm = Farm::verifying(3).submit(job);
+    let first = FrameIndex(0);
+    while !farm.news.contains(&Action::RoundComplete { job: JOB, frame: first, spp: 32 }) {
+        let held = farm.held[0];
+        let digest = if held.worker == A { wrong(&held.unit, 1) } else { super::honest(&held.unit) };
+        farm.finish_as(held, digest);
+        if farm.news.contains(&Action::RoundComplete { job: JOB, frame: first, spp: 16 }) {
+            let tiles = vec![Tile::new(0, 0, 8, 8).unwrap()];
+            farm.tell(Event::TilesEnded { job: JOB, frame: first, tiles, spp: 16 });
+        }
+    }
+    finish_all_but(&mut farm, &[A]);
+    assert_eq!(distrusted(&farm), [A.0]);
+    assert!(reopened(&farm).iter().all(|(_, tiles, _)| *tiles == 3), "{:?}", reopened(&farm));
+    farm.expect_state(JOB, JobState::Done);
+    let status = farm.job(JOB);
+    assert_eq!((status.samples_done, status.leases), (status.samples, 0));
 }
 
 #[test]
