@@ -1,6 +1,6 @@
 //! How well a farm uses its workers: a real `coordinator serve`, and real workers of one thread each that speak gRPC with it.
 //! Only rendering is replaced, by waiting, so that two cores are enough for sixteen workers. Tiles differ by a factor of four
-//! in what they cost, as those of pictures do.
+//! in what they cost, as those of pictures do, and each unit by up to a tenth more or less, as no two blocks cost the same.
 //!
 //! `cargo bench -p farm-tests --bench farm_scaling [SECONDS]` prints a line per farm; a frame takes about so many seconds.
 
@@ -50,17 +50,17 @@ fn main() {
     runtime.shutdown_background();
 }
 
-/// What a worker did.
-struct Done {
+/// What a worker did, or does.
+struct Turn {
     worker: usize,
     unit: WorkUnit,
     begun: Instant,
-    ended: Instant,
-    /// False where it was told to stop.
+    ended: Option<Instant>,
+    /// False while it is under way, and where it was told to stop.
     is_whole: bool,
 }
 
-type Diary = Arc<Mutex<Vec<Done>>>;
+type Diary = Arc<Mutex<Vec<Turn>>>;
 
 async fn farm(program: PathBuf, speeds: Vec<f64>, seconds: f64) -> String {
     let folder = tempfile::tempdir().expect("a place for the store");
@@ -87,7 +87,7 @@ async fn farm(program: PathBuf, speeds: Vec<f64>, seconds: f64) -> String {
     }
     watch(&served, job).await;
     let diary = diary.lock().expect("nothing panics in here");
-    report(&diary, &speeds, work * pace / capacity)
+    report(&diary, &speeds, pace)
 }
 
 fn submit(served: &Served) -> u64 {
@@ -108,22 +108,25 @@ async fn watch(served: &Served, job: u64) {
     assert_eq!(last.map(|job| job.state), Some(v1::JobState::Done.into()));
 }
 
-/// `ideal` seconds would be enough if everybody were busy with something useful from the first moment to the last.
-fn report(diary: &[Done], speeds: &[f64], ideal: f64) -> String {
+/// A worker of speed one takes `pace` seconds per sample of a tile that costs one.
+fn report(diary: &[Turn], speeds: &[f64], pace: f64) -> String {
     // The first result of a unit counts.
-    let mut useful: BTreeMap<WorkUnit, &Done> = BTreeMap::new();
-    for done in diary.iter().filter(|done| done.is_whole) {
-        let first = useful.entry(done.unit).or_insert(done);
-        if done.ended < first.ended {
-            *first = done;
-        }
+    let mut useful: BTreeMap<WorkUnit, Instant> = BTreeMap::new();
+    for turn in diary.iter().filter(|turn| turn.is_whole) {
+        let ended = turn.ended.expect("what is whole has ended");
+        useful.entry(turn.unit).and_modify(|first| *first = ended.min(*first)).or_insert(ended);
     }
-    let begun = diary.iter().map(|done| done.begun).min().expect("somebody worked");
-    let end = useful.values().map(|done| done.ended).max().expect("somebody worked");
-    // The tail begins when the first worker runs out of work.
-    let last_of = |worker| diary.iter().filter(|done| done.worker == worker).map(|done| done.ended).max();
-    let first_idle = (0..speeds.len()).filter_map(last_of).min().expect("somebody worked");
+    let begun = diary.iter().map(|turn| turn.begun).min().expect("somebody worked");
+    let end = *useful.values().max().expect("somebody worked");
+    // The tail begins when the first worker runs out of work. Who works at the end works until the end.
+    let busy_until = |worker| {
+        let turns = diary.iter().filter(|turn| turn.worker == worker);
+        turns.map(|turn| turn.ended.map_or(end, |ended| ended.min(end))).max()
+    };
+    let first_idle = (0..speeds.len()).filter_map(busy_until).min().expect("somebody worked");
     let (wall, tail) = ((end - begun).as_secs_f64(), end.saturating_duration_since(first_idle).as_secs_f64());
+    // So long it would have taken if everybody were busy with something useful from the first moment to the last.
+    let ideal = useful.keys().map(work_of).sum::<f64>() * pace / speeds.iter().sum::<f64>();
     let (units, in_vain) = (useful.len(), diary.len() - useful.len());
     format!(
         "{wall:.2} s, {units} units, {in_vain} in vain; efficiency {:.2} % (target 95), tail {tail:.2} s: {:.2} % of the frame (target 2)",
@@ -136,6 +139,13 @@ fn cost(x0: u32, y0: u32) -> f64 {
     COSTS[(x0 / TILE * 5 + y0 / TILE * 3) as usize % COSTS.len()]
 }
 
+/// A unit as pixel samples of a tile that costs one.
+fn work_of(unit: &WorkUnit) -> f64 {
+    let samples = unit.tile.area() as f64 * unit.block.samples() as f64;
+    let chance = blake3::hash(unit.to_string().as_bytes()).as_bytes()[0];
+    samples * cost(unit.tile.x0(), unit.tile.y0()) * (0.9 + 0.2 * f64::from(chance) / 255.0)
+}
+
 /// A pool of one slot that waits `pace` seconds per sample of a tile that costs one.
 fn waiting(worker: usize, pace: f64, diary: Diary) -> MakePool {
     Arc::new(move |_, ended| {
@@ -143,12 +153,17 @@ fn waiting(worker: usize, pace: f64, diary: Diary) -> MakePool {
         let diary = diary.clone();
         std::thread::spawn(move || {
             for assignment in assignments {
-                let begun = Instant::now();
+                let (unit, begun) = (assignment.grant.unit, Instant::now());
+                let turn = Turn { worker, unit, begun, ended: None, is_whole: false };
+                let number = {
+                    let mut diary = diary.lock().expect("nothing panics in here");
+                    diary.push(turn);
+                    diary.len() - 1
+                };
                 let end = wait(&assignment, pace);
-                let (unit, ended_at) = (assignment.grant.unit, Instant::now());
-                let is_whole = matches!(end, Ended::Rendered(_));
-                let done = Done { worker, unit, begun, ended: ended_at, is_whole };
-                diary.lock().expect("nothing panics in here").push(done);
+                let turn = &mut diary.lock().expect("nothing panics in here")[number];
+                turn.ended = Some(Instant::now());
+                turn.is_whole = matches!(end, Ended::Rendered(_));
                 if ended.send(end).is_err() {
                     return;
                 }
@@ -170,8 +185,7 @@ impl Pool for Waiting {
 fn wait(assignment: &Assignment, pace: f64) -> Ended {
     let (grant, unit) = (&assignment.grant, assignment.grant.unit);
     let begun = Instant::now();
-    let samples = unit.tile.area() as f64 * unit.block.samples() as f64;
-    let time = Duration::from_secs_f64(samples * pace * cost(unit.tile.x0(), unit.tile.y0()));
+    let time = Duration::from_secs_f64(work_of(&unit) * pace);
     while begun.elapsed() < time {
         if assignment.stop.is_set() {
             return Ended::Stopped(grant.lease);

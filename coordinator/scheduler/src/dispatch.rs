@@ -1,11 +1,11 @@
 //! Who gets what.
 
+use crate::job::Job;
 use crate::lease::{Lease, Work};
 use crate::piece::Piece;
-use crate::plan::pixel_samples;
 use crate::worker::Worker;
 use crate::{Action, Scheduler, policy};
-use farm_film::{Tile, WorkUnit};
+use farm_film::Tile;
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::time::Duration;
 
@@ -13,8 +13,14 @@ impl Scheduler {
     /// Fills the workers, the emptiest first and one unit at a time, until none has room or nothing is open.
     pub(crate) fn dispatch(&mut self) {
         let mut passed_over = Vec::new();
+        let is_ending = self.jobs.are_done_within(self.config.target_unit * policy::ENDING_UNITS, self.slots);
         while self.jobs.any_turn() {
-            let Some(&(_, worker)) = self.workers.with_room.first() else { break };
+            let Some(&(load, worker)) = self.workers.with_room.first() else { break };
+            // What waits at one worker may soon be missing at another; the next one is not emptier.
+            let hoards = || self.workers.get(worker).is_some_and(Worker::hoards);
+            if is_ending && load >= Worker::FULL && hoards() {
+                break;
+            }
             if !self.grant_any(worker) {
                 self.workers.set_room(worker, false);
                 passed_over.push(worker);
@@ -59,7 +65,7 @@ impl Scheduler {
         }
         let (target, slots) = (self.config.target_unit, self.slots);
         let speed = worker.speed_in(job_id).or(job.speed);
-        let left = job.pace.speed().map(|pace| job.samples_left() as f64 / (pace * slots.max(1) as f64));
+        let left = job.seconds_left(slots);
         // What failed here goes elsewhere, as long as there is an elsewhere.
         let may = |piece: &Piece| {
             let untried = |other: &Worker| {
@@ -68,8 +74,11 @@ impl Scheduler {
             !piece.history.disappointed(&worker.name)
                 || !self.workers.usable(&self.health).any(|(_, other)| untried(other))
         };
-        let samples_max = |tile: Tile| policy::unit_samples(target, speed, tile.area(), left);
-        job.queue.take(samples_max, may).map(Work::Piece)
+        let Job { queue, costs, .. } = job;
+        let samples_max = |position: u32, tile: Tile| {
+            policy::unit_samples(target, speed, tile.area() as f64 * costs.of(position), left)
+        };
+        queue.take(samples_max, may).map(Work::Piece)
     }
 
     fn grant(&mut self, id: WorkerId, job_id: JobId, work: Work) {
@@ -84,7 +93,8 @@ impl Scheduler {
             }
         };
         let Some(unit) = unit else { return };
-        let time = render_time(&unit, worker.speed_in(job_id).or(job.speed), self.config.target_unit);
+        let time =
+            render_time(job.work(&unit), worker.speed_in(job_id).or(job.speed), self.config.target_unit);
         let deadline = self.now.after(self.config.lease_ttl);
         let lease = Lease {
             worker: id,
@@ -162,7 +172,7 @@ impl Scheduler {
         }
         let Some(holder) = self.workers.get(lease.worker) else { return false };
         let time_on = |worker: &Worker| {
-            render_time(&unit, worker.speed_in(lease.job).or(job.speed), self.config.target_unit)
+            render_time(job.work(&unit), worker.speed_in(lease.job).or(job.speed), self.config.target_unit)
         };
         // Late by half of its time, a result is expected after as long again as it took so far.
         let (own, its) = (time_on(worker), time_on(holder));
@@ -174,8 +184,8 @@ impl Scheduler {
     }
 }
 
-/// Time that one slot needs; `unknown` before anything was measured.
-fn render_time(unit: &WorkUnit, speed: Option<f64>, unknown: Duration) -> Duration {
-    let seconds = speed.map(|speed| pixel_samples(unit) / speed);
+/// Time that one slot needs for `work` pixel samples of cost 1; `unknown` before anything was measured.
+fn render_time(work: f64, speed: Option<f64>, unknown: Duration) -> Duration {
+    let seconds = speed.map(|speed| work / speed);
     seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or(unknown)
 }

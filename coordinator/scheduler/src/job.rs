@@ -1,10 +1,12 @@
 //! The jobs, and whose turn it is.
 
 use crate::checks::Checks;
-use crate::plan::Plan;
+use crate::cost::Costs;
+use crate::plan::{Plan, pixel_samples};
 use crate::policy;
 use crate::provenance::Provenance;
 use crate::queue::Queue;
+use farm_film::WorkUnit;
 use farm_job::{JobId, JobSpec, JobSpecError, JobState, LeaseId};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,7 +28,9 @@ pub(crate) struct Job {
     charged: u64,
     /// Its place among those whose turn it may be.
     filed: Option<Turn>,
-    /// Pixel samples per second and slot over all workers, smoothed.
+    /// What its tiles cost.
+    pub costs: Costs,
+    /// Pixel samples of cost 1 per second and slot over all workers, smoothed.
     pub speed: Option<f64>,
     /// The same over the last few units of every slot, slow ones and fast ones: what the farm as a whole gets done.
     pub pace: Pace,
@@ -77,6 +81,7 @@ impl Job {
             priority: spec.priority,
             charged,
             filed: None,
+            costs: Costs::default(),
             speed: None,
             pace: Pace::default(),
             leases: 0,
@@ -98,6 +103,18 @@ impl Job {
     /// Pixel samples that are not durable.
     pub fn samples_left(&self) -> u128 {
         self.queue.progress().samples() - self.queue.progress().samples_done()
+    }
+
+    /// A unit as pixel samples of cost 1.
+    pub fn work(&self, unit: &WorkUnit) -> f64 {
+        let tile = self.queue.plan().tile_position(unit.tile);
+        pixel_samples(unit) * tile.map_or(1.0, |tile| self.costs.of(tile))
+    }
+
+    /// Seconds until all of it is done if `slots` slots do nothing else; none before anything was measured.
+    pub fn seconds_left(&self, slots: u64) -> Option<f64> {
+        let work = self.samples_left() as f64 * self.costs.mean();
+        self.pace.speed().map(|pace| work / (pace * slots.max(1) as f64))
     }
 
     /// Whether there is anything to give out.
@@ -168,6 +185,15 @@ impl Jobs {
             None => self.turns.first(),
         }
         .map(|(_, _, id)| *id)
+    }
+
+    /// Whether all jobs with something open are done within `time` if `slots` slots do nothing else.
+    pub fn are_done_within(&self, time: Duration, slots: u64) -> bool {
+        let mut left = 0.0;
+        self.turns.iter().filter_map(|(_, _, id)| self.get(*id)).all(|job| {
+            left += job.seconds_left(slots).unwrap_or(f64::INFINITY);
+            left <= time.as_secs_f64()
+        })
     }
 
     /// Puts a job in line, or takes it out, after its state or its units have changed.

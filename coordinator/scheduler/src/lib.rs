@@ -12,6 +12,7 @@
 
 mod action;
 mod checks;
+mod cost;
 mod dispatch;
 mod event;
 mod health;

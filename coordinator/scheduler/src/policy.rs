@@ -21,6 +21,10 @@ const UNITS_LEFT_PER_SLOT: f64 = 4.0;
 /// They shrink to this part of the target, not further: shorter ones cost more in messages than an uneven end does.
 const SHRINK_MAX: u32 = 16;
 
+/// When all that is open takes the farm no longer than this many units of the target length, nothing waits at a worker any more:
+/// by then those that were cut before they began to shrink have ended.
+pub(crate) const ENDING_UNITS: u32 = 4;
+
 /// Units of each slot that tell how fast the farm as a whole is.
 pub(crate) const UNITS_REMEMBERED: f64 = 4.0;
 
@@ -36,6 +40,12 @@ const PREFETCH_PER_SLOT_MAX: usize = 64;
 
 /// Results per unit of a worker's window that may wait for the store before the worker is held back.
 pub(crate) const STORING_PER_WINDOW: usize = 4;
+
+/// Tiles of a job of which it is remembered what they cost; smaller parts of a picture matter little one by one.
+pub(crate) const TILES_REMEMBERED: usize = 1 << 16;
+
+/// No tile is believed to cost this many times the mean, or this small a part of it.
+pub(crate) const COST_MAX: f64 = 1e4;
 
 /// Weight of a new measurement: about the last five count.
 const NEWEST: f64 = 0.3;
@@ -142,23 +152,32 @@ pub(crate) fn window(
     round_trip: Option<Duration>,
     target: Duration,
 ) -> usize {
-    let slots = slots as usize;
-    let Some(unit) = unit else { return slots * 2 };
-    let hidden = round_trip.unwrap_or(ROUND_TRIP_GUESS).saturating_add(HANDLING);
-    let per_slot = hidden.as_secs_f64() / unit.as_secs_f64().max(1e-6);
-    let in_round_trip = (slots as f64 * per_slot).ceil() as usize;
-    let least = if unit > target * 2 { 1 } else { slots };
-    slots + in_round_trip.clamp(least, slots * PREFETCH_PER_SLOT_MAX)
+    let Some(unit) = unit else { return slots as usize * 2 };
+    let least = if unit > target * 2 { 1 } else { slots as usize };
+    slots as usize + prefetch(slots, unit, round_trip).ceil().max(least as f64) as usize
 }
 
-/// Samples per pixel of a tile of `area` pixels for a slot that renders `speed` pixel samples per second, when the whole
-/// farm will be done in `left` seconds. Nothing is known of the speed at first; then a unit is as small as can be.
-pub(crate) fn unit_samples(target: Duration, speed: Option<f64>, area: usize, left: Option<f64>) -> u64 {
+/// The same when so little is left to do that what waits at one worker may be missing at another: only what is begun within a
+/// round trip.
+pub(crate) fn last_window(slots: u32, unit: Option<Duration>, round_trip: Option<Duration>) -> usize {
+    slots as usize + unit.map_or(0.0, |unit| prefetch(slots, unit, round_trip)).round() as usize
+}
+
+/// Units that all slots finish while a message goes there and back.
+fn prefetch(slots: u32, unit: Duration, round_trip: Option<Duration>) -> f64 {
+    let hidden = round_trip.unwrap_or(ROUND_TRIP_GUESS).saturating_add(HANDLING);
+    let per_slot = hidden.as_secs_f64() / unit.as_secs_f64().max(1e-6);
+    f64::from(slots) * per_slot.min(PREFETCH_PER_SLOT_MAX as f64)
+}
+
+/// Samples per pixel of a tile that costs as much as `area` pixels of cost 1, for a slot that renders `speed` pixel samples of
+/// cost 1 per second, when the whole farm will be done in `left` seconds. Nothing is known of the speed at first; then a unit is as small as can be.
+pub(crate) fn unit_samples(target: Duration, speed: Option<f64>, area: f64, left: Option<f64>) -> u64 {
     let Some(speed) = speed else { return LEAF_SAMPLES };
     let shortest = target / SHRINK_MAX;
     let seconds = left.unwrap_or(f64::INFINITY) / UNITS_LEFT_PER_SLOT;
     let seconds = seconds.clamp(shortest.as_secs_f64(), target.as_secs_f64());
-    (speed * seconds / area as f64) as u64
+    (speed * seconds / area) as u64
 }
 
 #[cfg(test)]
@@ -175,11 +194,14 @@ mod tests {
         assert_eq!(window(4, SECOND * 10, MILLISECOND), 5, "long units are left to others");
         assert_eq!(window(1, MILLISECOND * 10, MILLISECOND * 80), 11, "ten end in a round trip");
         assert_eq!(window(2, MILLISECOND / 100, SECOND), 2 + 2 * PREFETCH_PER_SLOT_MAX, "bounded");
+        let last = |unit, round_trip| last_window(4, Some(unit), Some(round_trip));
+        assert_eq!(last(SECOND, MILLISECOND), 4, "in the end nothing waits");
+        assert_eq!(last(MILLISECOND * 10, MILLISECOND * 80), 44, "but for what hides the round trip");
     }
 
     #[test]
     fn a_unit_takes_the_target_time_until_little_is_left() {
-        let samples = |speed, left| unit_samples(SECOND, speed, 100, left);
+        let samples = |speed, left| unit_samples(SECOND, speed, 100.0, left);
         assert_eq!(samples(Some(1e6), None), 10_000);
         assert_eq!(samples(Some(1e6), Some(60.0)), 10_000);
         assert_eq!(samples(Some(1e6), Some(2.0)), 5_000, "two seconds, in four units");

@@ -93,10 +93,11 @@ impl Queue {
         self.pieces.values().flat_map(|piece| piece.leases.iter().copied())
     }
 
-    /// The first open piece that `may` be given out, cut to at most `samples_max` samples per pixel of its tile.
+    /// The first open piece that `may` be given out, cut to at most `samples_max` samples per pixel of its tile, by its position
+    /// and its pixels.
     pub fn take(
         &mut self,
-        samples_max: impl Fn(Tile) -> u64,
+        samples_max: impl Fn(u32, Tile) -> u64,
         may: impl Fn(&Piece) -> bool,
     ) -> Option<PieceKey> {
         let returned =
@@ -107,7 +108,7 @@ impl Queue {
             (_, Some(cursor)) => self.touch(cursor),
             (None, None) => return None,
         };
-        let samples_max = samples_max(self.plan.tile(key.cell.tile));
+        let samples_max = samples_max(key.cell.tile, self.plan.tile(key.cell.tile));
         let mut block = self.pieces[&key].block;
         while let Some((left, _)) = block.children().filter(|_| block.samples() > samples_max) {
             block = left;

@@ -66,12 +66,16 @@ impl Scheduler {
         if accepted.is_some() {
             let render = policy::plausible(render);
             let samples = pixel_samples(&delivery.unit);
-            job.speed = Some(policy::smooth(job.speed, samples / render.as_secs_f64()));
-            job.pace.measure(samples, render, self.slots);
+            let work = job.work(&delivery.unit);
+            job.speed = Some(policy::smooth(job.speed, work / render.as_secs_f64()));
+            job.pace.measure(work, render, self.slots);
             job.units_done += 1;
             job.render = job.render.saturating_add(render);
             if let Some(worker) = self.workers.get_mut(delivery.worker) {
-                worker.measure(delivery.job, samples, render);
+                let speed = worker.measure(delivery.job, samples, work, render);
+                if let Some(tile) = job.queue.plan().tile_position(delivery.unit.tile) {
+                    job.costs.learn(tile, render.as_secs_f64() * speed / samples);
+                }
                 worker.units_done += 1;
                 self.health.success(&worker.name);
             }

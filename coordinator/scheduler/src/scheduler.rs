@@ -1,5 +1,6 @@
 //! The state machine: takes events in, and sends each to the part that it concerns.
 
+use crate::cost::Costs;
 use crate::health::{Health, Reputation};
 use crate::job::Jobs;
 use crate::lease::{Lease, Leases, Work};
@@ -256,6 +257,9 @@ impl Scheduler {
     fn end_job(&mut self, id: JobId) {
         for worker in self.workers.by_id.values_mut() {
             worker.forget(id);
+        }
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.costs = Costs::default();
         }
         self.jobs.file(id);
     }

@@ -19,9 +19,9 @@ pub(crate) struct Worker {
     pub leases: BTreeSet<LeaseId>,
     /// Its results that are on their way to the store.
     pub storing: usize,
-    /// Pixel samples per second and slot, by job.
+    /// Pixel samples of cost 1 per second and slot, by job.
     speeds: BTreeMap<JobId, f64>,
-    /// The last of them.
+    /// Pixel samples per second and slot, smoothed over all jobs; zero at first.
     pub speed: f64,
     /// Seconds of a unit on a slot, smoothed.
     unit_time: Option<f64>,
@@ -60,17 +60,18 @@ impl Worker {
         }
     }
 
-    /// Learns from a unit of `samples` pixel samples that one slot rendered in `render`.
-    pub fn measure(&mut self, job: JobId, samples: f64, render: Duration) {
+    /// Learns from a unit of `samples` pixel samples, as many as `work` of cost 1, that one slot rendered in `render`; how many of
+    /// these it renders per second.
+    pub fn measure(&mut self, job: JobId, samples: f64, work: f64, render: Duration) -> f64 {
         let seconds = render.as_secs_f64();
-        let speed = samples / seconds;
-        let smoothed = policy::smooth(self.speeds.get(&job).copied(), speed);
+        let smoothed = policy::smooth(self.speeds.get(&job).copied(), work / seconds);
         self.speeds.insert(job, smoothed);
-        self.speed = smoothed;
+        self.speed = policy::smooth(Some(self.speed).filter(|_| self.unit_time.is_some()), samples / seconds);
         self.unit_time = Some(policy::smooth(self.unit_time, seconds));
+        smoothed
     }
 
-    /// Pixel samples per second and slot in a job, once measured.
+    /// Pixel samples of cost 1 per second and slot in a job, once measured.
     pub fn speed_in(&self, job: JobId) -> Option<f64> {
         self.speeds.get(&job).copied()
     }
@@ -85,6 +86,12 @@ impl Worker {
     pub fn window(&self, target_unit: Duration) -> usize {
         let unit = self.unit_time.map(Duration::from_secs_f64);
         policy::window(self.slots, unit, self.round_trip, target_unit)
+    }
+
+    /// Whether it has enough when little is left to do.
+    pub fn hoards(&self) -> bool {
+        let unit = self.unit_time.map(Duration::from_secs_f64);
+        self.leases.len() >= policy::last_window(self.slots, unit, self.round_trip)
     }
 
     /// Whether it could take one more unit; a slow store holds it back.

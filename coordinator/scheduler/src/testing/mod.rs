@@ -1,6 +1,7 @@
 //! A small farm for stories, and a large one for accidents.
 
 mod farm;
+mod scaling;
 mod simulation;
 mod stories;
 mod verification;
