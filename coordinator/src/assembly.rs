@@ -180,7 +180,6 @@ impl FrameWriter {
                 let (frame, exr) = (finished.frame, Bytes::from(exr));
                 // All of it is safe as partials: there is time until the store has room for the frame.
                 self.insist(|| store.put_frame(job, frame, exr.clone())).await?;
-                store.remove_partials(job, frame).await;
                 for warning in finished.counters.warnings() {
                     warn!(%job, %frame, "{warning}");
                 }

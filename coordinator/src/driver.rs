@@ -71,6 +71,8 @@ struct Job {
     tally: Tally,
     outputs: Outputs,
     written: BTreeSet<FrameIndex>,
+    /// Finished frames that are wrong and not yet taken away.
+    withdrawn: BTreeSet<FrameIndex>,
     listener: Option<mpsc::UnboundedSender<JobEvent>>,
     /// Its owner paused it, rather than the store.
     paused: bool,
@@ -287,18 +289,22 @@ impl Driver {
     }
 
     async fn submit(&mut self, submission: Submission) {
-        let Submission { job, spec, outputs, listener, finished, durable, origins } = submission;
+        let Submission { job, spec, outputs, listener, finished, durable, stored, origins } = submission;
         let known = Job {
             spec: spec.clone(),
             tally: Tally::default(),
             outputs: outputs.clone(),
             written: finished.iter().copied().collect(),
+            withdrawn: BTreeSet::new(),
             listener,
             paused: false,
         };
         self.jobs.insert(job, known);
         let spec = Arc::new(spec);
         let _ = self.assembly.send(Task::Open(job, spec.clone(), outputs)).await;
+        if let Some(keeper) = &self.keeper {
+            keeper.open(job, spec.clone(), stored);
+        }
         let mut units = Vec::new();
         for (frame, partials) in durable {
             units.extend(partials.iter().map(|(tile, _)| WorkUnit {
@@ -435,8 +441,10 @@ impl Driver {
                 if let (Ok(summary), Some(job)) = (&outcome, self.jobs.get_mut(&id)) {
                     job.written.insert(FrameIndex(summary.frame));
                     self.chronicle.note(Some(id), format!("frame {} is written", summary.frame));
-                    if let Some(keeper) = &self.keeper {
-                        keeper.finished(id, FrameIndex(summary.frame));
+                    // One that is about to be taken away has its results ahead.
+                    let frame = FrameIndex(summary.frame);
+                    if let Some(keeper) = self.keeper.as_ref().filter(|_| !job.withdrawn.contains(&frame)) {
+                        keeper.finished(id, frame);
                     }
                 }
                 let event = match outcome {
@@ -448,6 +456,7 @@ impl Driver {
             Report::Withdrawn(job, frame) => {
                 if let Some(job) = self.jobs.get_mut(&job) {
                     job.written.remove(&frame);
+                    job.withdrawn.remove(&frame);
                 }
                 self.tell_listener(job, JobEvent::Withdrawn(frame));
             }
@@ -517,8 +526,9 @@ impl Driver {
     }
 
     async fn reopen(&mut self, id: JobId, frame: FrameIndex, tiles: Vec<Tile>, finished: bool) {
-        let Some(job) = self.jobs.get(&id) else { return };
+        let Some(job) = self.jobs.get_mut(&id) else { return };
         if finished {
+            job.withdrawn.insert(frame);
             // Its job may have been closed.
             let open = Task::Open(id, Arc::new(job.spec.clone()), job.outputs.clone());
             let _ = self.assembly.send(open).await;

@@ -6,7 +6,7 @@ use crate::chronicle::Chronicle;
 use crate::open_frame::Outlook;
 use crate::outputs::{FrameSummary, Outputs};
 use crate::registry::Registry;
-use crate::store::Store;
+use crate::store::{Holding, Store};
 use crate::tally::Tally;
 use bytes::Bytes;
 use farm_film::{Counters, FilmTile, FrameIndex};
@@ -72,8 +72,18 @@ pub struct Submission {
     pub finished: Vec<FrameIndex>,
     /// Partials of other frames that are safe already.
     pub durable: Vec<(FrameIndex, Vec<(FilmTile, Counters)>)>,
+    /// In which objects those are, where there is a store.
+    pub stored: Vec<(FrameIndex, Vec<Holding>)>,
     /// Who delivered what of it, where that was kept.
     pub origins: Vec<Origin>,
+}
+
+impl Submission {
+    /// A new job, of whose events nobody hears.
+    pub fn new(job: JobId, spec: JobSpec, outputs: Outputs) -> Self {
+        let (finished, durable, stored, origins) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { job, spec, outputs, listener: None, finished, durable, stored, origins }
+    }
 }
 
 /// What the owner of a job may decide.

@@ -7,7 +7,7 @@ use crate::farm::{Ending, Farm, JobOrder, Submission};
 use crate::outputs::Outputs;
 use crate::service::{ControlService, Listener, UploadLimits};
 use crate::signals::Signals;
-use crate::store::{Patience, Store, StoreError, StoreLocation, StoredJob};
+use crate::store::{Holding, Patience, Store, StoreError, StoreLocation, StoredJob, largest};
 use farm_film::{Counters, FilmTile, FrameIndex, Tile};
 use farm_job::{JobId, JobState};
 use farm_scheduler::Origin;
@@ -111,21 +111,22 @@ async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, Sto
     let (job, spec) = (record.job, record.spec.clone());
     let origins = honest_origins(store, job).await?;
     let finished = store.finished_frames(job).await?;
-    let mut durable = Vec::new();
+    let (mut durable, mut stored) = (Vec::new(), Vec::new());
     for frame in store.begun_frames(job).await? {
         if finished.contains(&frame) {
             // Whatever the end of the former life left behind.
             store.remove_partials(job, frame).await;
             continue;
         }
-        let partials = partials(store, record, frame).await?;
+        let (partials, holdings) = partials(store, record, frame).await?;
         if !partials.is_empty() {
             durable.push((frame, partials));
         }
+        stored.push((frame, holdings));
     }
     let outputs = Outputs::Store { scene_name: spec.name.clone() };
     let finished = finished.into_iter().collect();
-    Ok(Submission { job, spec, outputs, listener: None, finished, durable, origins })
+    Ok(Submission { job, spec, outputs, listener: None, finished, durable, stored, origins })
 }
 
 /// Who delivered what of a job. What is still there from workers whose results were wrong goes first: the former life ended in
@@ -153,25 +154,34 @@ async fn honest_origins(store: &Store, job: JobId) -> Result<Vec<Origin>, StoreE
     Ok(origins)
 }
 
-/// Partials of a frame that belong to it; others, as of an older renderer, are rendered again.
+/// Partials of a frame that belong to it, and the objects in which there is nothing else; others, as of an older renderer, are
+/// rendered again.
 async fn partials(
     store: &Store,
     record: &StoredJob,
     frame: FrameIndex,
-) -> Result<Vec<(FilmTile, Counters)>, StoreError> {
+) -> Result<(Vec<(FilmTile, Counters)>, Vec<Holding>), StoreError> {
     let (job, spec) = (record.job, &record.spec);
     let damaged = |fault: String| StoreError::Damaged { path: format!("jobs/{job}/job.json"), fault };
     let resolution = spec.resolution().map_err(|err| damaged(err.to_string()))?;
     let expected = partial_header(resolution, spec.scene, &spec.settings, frame);
-    let mut partials = Vec::new();
-    for (tile, header) in store.partials(job, frame).await? {
-        match check_header(&header, &expected) {
-            Ok(()) if tile.is_finite() => partials.push((tile, header.counters)),
-            Ok(()) => warn!(%job, tile = %tile.tile(), "kept partial is not finite; rendering it again"),
-            Err(error) => warn!(%job, %error, "kept partial does not fit; rendering it again"),
+    let (mut sound, mut holdings) = (Vec::new(), Vec::new());
+    for object in store.partials(job, frame).await? {
+        let (holding, mut is_sound) = (object.holding(), object.is_whole);
+        for (tile, header) in object.partials {
+            match check_header(&header, &expected) {
+                Ok(()) if tile.is_finite() => {
+                    sound.push((tile, header.counters));
+                    continue;
+                }
+                Ok(()) => warn!(%job, tile = %tile.tile(), "kept partial is not finite; rendering it again"),
+                Err(error) => warn!(%job, %error, "kept partial does not fit; rendering it again"),
+            }
+            is_sound = false;
         }
+        holdings.extend(is_sound.then_some(holding));
     }
-    Ok(partials)
+    Ok((largest(sound), holdings))
 }
 
 #[cfg(test)]

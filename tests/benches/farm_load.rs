@@ -13,7 +13,7 @@ use farm_proto::v1::worker_message::Message as Said;
 use farm_proto::v1::{self, farm_client::FarmClient};
 use farm_tests::programs::{Served, release_coordinator};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -22,8 +22,9 @@ use tokio_stream::StreamExt;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::Endpoint;
 
-/// Side of a tile: small units, so that there are many.
-const TILE: &str = "16";
+/// Side of a tile, so that units are small and many, and of the picture, in pixels.
+const TILE: u64 = 16;
+const PICTURE: u64 = 1024;
 
 /// What workers say a unit took: so long that the scheduler makes units no larger.
 const RENDER_SECONDS: f64 = 1.5;
@@ -43,7 +44,7 @@ fn main() {
     allow_connections();
     let coordinator = Served::start(&release_coordinator(), &store);
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("threads");
-    runtime.block_on(measure(&coordinator, workers, rate, Duration::from_secs(seconds)));
+    runtime.block_on(measure(&coordinator, &store, workers, rate, Duration::from_secs(seconds)));
     runtime.shutdown_background();
 }
 
@@ -69,9 +70,20 @@ fn memory_bytes(process: u32) -> u64 {
     line.split_whitespace().nth(1).expect("a number").parse::<u64>().expect("a number") * 1024
 }
 
+/// Objects in the folder of a job's partials, and their bytes.
+fn partials(store: &Path, job: u64) -> (usize, u64) {
+    let folder = store.join(format!("jobs/{job}/partials/0"));
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    // Some of them may be gone by now.
+    let sizes: Vec<u64> =
+        entries.filter_map(|entry| entry.metadata().ok()).map(|about| about.len()).collect();
+    (sizes.len(), sizes.iter().sum())
+}
+
 /// What all workers see together.
 #[derive(Default)]
 struct Seen {
+    joined: AtomicU64,
     acknowledged: AtomicU64,
     rejected: AtomicU64,
     measuring: AtomicBool,
@@ -81,18 +93,26 @@ struct Seen {
     acknowledgements: Mutex<Vec<u32>>,
 }
 
-async fn measure(coordinator: &Served, workers: u64, rate: u64, span: Duration) {
+async fn measure(coordinator: &Served, store: &Path, workers: u64, rate: u64, span: Duration) {
     let process = coordinator.id();
-    let empty = memory_bytes(process);
     // More units than can be done.
-    let size = ["--resolution", "1024x1024", "--spp", "1048576", "--tile", TILE];
+    let (resolution, tile) = (format!("{PICTURE}x{PICTURE}"), TILE.to_string());
+    let size = ["--resolution", &resolution, "--spp", "1048576", "--tile", &tile];
     let job = coordinator.submit("cornell.gltf", &size);
+    coordinator.ask(&["pause", &job.to_string()]);
+    let empty = memory_bytes(process);
     let seen = Arc::new(Seen::default());
     let pause = (rate > 0).then(|| Duration::from_secs_f64(workers as f64 / rate as f64));
     for number in 0..workers {
         tokio::spawn(work(coordinator.address().to_owned(), number, job, pause, seen.clone()));
     }
-    tokio::time::sleep(WARM_UP + Duration::from_millis(workers)).await;
+    while seen.joined.load(Ordering::Relaxed) < workers {
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    tokio::time::sleep(WARM_UP).await;
+    let idle = memory_bytes(process);
+    coordinator.ask(&["resume", &job.to_string()]);
+    tokio::time::sleep(WARM_UP).await;
     let (cpu, acknowledged, begun) =
         (processor_seconds(process), seen.acknowledged.load(Ordering::Relaxed), Instant::now());
     seen.measuring.store(true, Ordering::Relaxed);
@@ -108,11 +128,16 @@ async fn measure(coordinator: &Served, workers: u64, rate: u64, span: Duration) 
         cpu / units as f64 * 1e6,
         cpu / seconds
     );
+    let (now, tiles) = (memory_bytes(process), (PICTURE / TILE).pow(2));
+    let each = |more: u64, count: u64| more as f64 / 1024.0 / count as f64;
+    println!("memory                   {} MB, {} MB before the workers came", now >> 20, empty >> 20);
+    println!("memory per idle worker   {:.1} KB", each(idle.saturating_sub(empty), workers));
     println!(
-        "memory                   {} MB, {} MB before the workers came",
-        memory_bytes(process) >> 20,
-        empty >> 20
+        "memory per open tile     {:.1} KB, with all that is on its way",
+        each(now - idle.min(now), tiles)
     );
+    let (units, (objects, bytes)) = (seen.acknowledged.load(Ordering::Relaxed), partials(store, job));
+    println!("partials in the store    {units} units in {objects} objects, {} MB", bytes >> 20);
     show("sent to next unit        ", &seen.waits);
     show("sent to acknowledged     ", &seen.acknowledgements);
 }
@@ -149,6 +174,7 @@ async fn work(address: String, number: u64, job: u64, pause: Option<Duration>, s
     while let Some(Ok(message)) = heard.next().await {
         match ToWorker::try_from(message).expect("the coordinator makes sense") {
             ToWorker::Welcome { worker, .. } => {
+                seen.joined.fetch_add(1, Ordering::Relaxed);
                 tokio::spawn(beat(client.clone(), worker.0, sent.clone()));
             }
             ToWorker::Grant(grant) => {

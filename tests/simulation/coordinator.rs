@@ -243,9 +243,10 @@ fn reloaded(disk: &Disk, seen: &Seen) -> Result<Found, String> {
 async fn missing(store: &Store, units: &[WorkUnit]) -> Result<Option<WorkUnit>, StoreError> {
     let finished = store.finished_frames(JOB).await?;
     for frame in PICTURE.spec.frames.iter().filter(|frame| !finished.contains(frame)) {
-        let partials = store.partials(JOB, frame).await?;
+        let objects = store.partials(JOB, frame).await?;
         let is_there = |unit: &WorkUnit| {
-            partials.iter().any(|(tile, _)| tile.tile() == unit.tile && tile.block().contains(unit.block))
+            let mut partials = objects.iter().flat_map(|object| &object.partials);
+            partials.any(|(tile, _)| tile.tile() == unit.tile && tile.block().contains(unit.block))
         };
         if let Some(unit) = units.iter().find(|unit| unit.frame == frame && !is_there(unit)) {
             return Ok(Some(*unit));

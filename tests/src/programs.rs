@@ -72,16 +72,25 @@ impl Served {
     ///
     /// When it is refused.
     pub fn submit(&self, scene: &str, flags: &[&str]) -> u64 {
+        let scene = root().join("tests/scenes").join(scene);
+        let mut what = vec!["submit", scene.to_str().expect("a name that can be read")];
+        what.extend(flags);
+        self.ask(&what)["job"].as_u64().expect("a number")
+    }
+
+    /// Asks something, as a user does; the answer.
+    ///
+    /// # Panics
+    ///
+    /// When it is refused.
+    pub fn ask(&self, what: &[&str]) -> Value {
         let said = Command::new(&self.program)
-            .arg("submit")
-            .arg(root().join("tests/scenes").join(scene))
-            .args(flags)
+            .args(what)
             .args(["--json", "--to", &self.address])
             .output()
             .expect("the coordinator runs");
-        let answer: Value = serde_json::from_slice(&said.stdout)
-            .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&said.stderr)));
-        answer["job"].as_u64().expect("a number")
+        serde_json::from_slice(&said.stdout)
+            .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&said.stderr)))
     }
 }
 

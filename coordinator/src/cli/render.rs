@@ -144,15 +144,8 @@ async fn render(args: RenderArgs, plan: OutputPlan, folder: Option<Folder>) -> R
     loaded.snapshot = Vec::new();
     // A few small events per frame.
     let (listener, events) = mpsc::unbounded_channel();
-    let submission = Submission {
-        job: JOB,
-        spec: spec.clone(),
-        outputs: Outputs::Files(plan),
-        listener: Some(listener),
-        finished: Vec::new(),
-        durable: Vec::new(),
-        origins: Vec::new(),
-    };
+    let submission =
+        Submission { listener: Some(listener), ..Submission::new(JOB, spec.clone(), Outputs::Files(plan)) };
     farm.submit(submission).await.map_err(Fault::failed)?;
     let (_orders, local) = match args.no_local_worker {
         true => (None, None),

@@ -251,8 +251,7 @@ impl Control for ControlService {
         let record = StoredJob { job, spec: spec.clone(), owner, state: JobState::Running, reason: None };
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(job, record);
         let outputs = Outputs::Store { scene_name: spec.name.clone() };
-        let (finished, durable, origins) = (Vec::new(), Vec::new(), Vec::new());
-        let submission = Submission { job, spec, outputs, listener: None, finished, durable, origins };
+        let submission = Submission::new(job, spec, outputs);
         self.farm.submit(submission).await.map_err(ending)?;
         Ok(Response::new(v1::SubmitResponse { job: job.0 }))
     }

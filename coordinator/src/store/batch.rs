@@ -15,10 +15,10 @@ pub(super) fn is_of_tile(name: &str, tile: Tile) -> bool {
 }
 
 /// A tar of partials, by name.
-pub(super) fn pack<'a>(partials: impl Iterator<Item = (String, &'a [u8])>) -> Vec<u8> {
+pub(super) fn pack(partials: impl Iterator<Item = (String, impl AsRef<[u8]>)>) -> Vec<u8> {
     let mut archive = tar::Builder::new(Vec::new());
     for (name, bytes) in partials {
-        let mut header = tar::Header::new_ustar();
+        let (bytes, mut header) = (bytes.as_ref(), tar::Header::new_ustar());
         header.set_size(bytes.len() as u64);
         header.set_mode(0o644);
         archive.append_data(&mut header, name, bytes).expect("memory takes everything");

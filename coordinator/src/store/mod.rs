@@ -22,24 +22,27 @@
 mod batch;
 mod jobs;
 mod location;
+mod merging;
 mod objects;
 mod origins;
+mod partials;
 mod reputation;
 mod scenes;
+mod shelf;
 mod turn;
 
 pub use jobs::{Fate, StoredJob};
 pub use location::{Clock, StoreLocation};
+pub use merging::largest;
+pub use partials::{Holding, OBJECT_BYTES_MAX, OBJECT_PARTIALS_MAX, StoredObject};
 pub use scenes::Unneeded;
+pub use shelf::{Crowd, Shelf};
 pub use turn::Patience;
 
-use batch::partial_name;
 use bytes::Bytes;
-use farm_film::{FilmTile, FrameIndex, Tile, WorkUnit};
-use farm_image::{PartialHeader, PartialLimits, decode_partial};
+use farm_film::FrameIndex;
 use farm_job::JobId;
 use farm_scene::SceneId;
-use farm_worker::blocking;
 use location::Objects;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
@@ -48,7 +51,6 @@ use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use tokio::sync::watch;
-use tracing::warn;
 use turn::Turn;
 
 /// Objects that are read at the same time.
@@ -192,94 +194,6 @@ impl Store {
         serde_json::from_slice(&bytes).map(Some).map_err(damaged)
     }
 
-    /// Keeps accepted results of one frame. Durable, and ours, when this returns.
-    pub async fn put_partials(
-        &self,
-        job: JobId,
-        frame: FrameIndex,
-        partials: &[(&WorkUnit, Bytes)],
-    ) -> Result<(), StoreError> {
-        let folder = partials_path(job, frame);
-        match partials {
-            [(unit, bytes)] => self.keep(&folder.join(partial_name(unit)), bytes.clone()).await,
-            several => {
-                let packed =
-                    batch::pack(several.iter().map(|(unit, bytes)| (partial_name(unit), &bytes[..])));
-                self.keep(&folder.join(self.fresh_name("tar")), packed).await
-            }
-        }
-    }
-
-    /// Frames of a job of which partials are there.
-    pub async fn begun_frames(&self, job: JobId) -> Result<BTreeSet<FrameIndex>, StoreError> {
-        let folder = job_path(job).join("partials");
-        let found = self.objects.durable.list_with_delimiter(Some(&folder)).await;
-        let found = found.map_err(|error| StoreError::object(&folder, &error))?;
-        let frame = |path: &Path| path.filename()?.parse().ok().map(FrameIndex);
-        Ok(found.common_prefixes.iter().filter_map(frame).collect())
-    }
-
-    /// What is there of a frame. A file that is damaged is as good as none: its unit is rendered again.
-    pub async fn partials(
-        &self,
-        job: JobId,
-        frame: FrameIndex,
-    ) -> Result<Vec<(FilmTile, PartialHeader)>, StoreError> {
-        use futures::{StreamExt, TryStreamExt};
-        let paths = list(&*self.objects.durable, &partials_path(job, frame)).await?;
-        let read = futures::stream::iter(paths).map(|path| self.read_partials(path)).buffered(READS);
-        let partials: Vec<Vec<_>> = read.try_collect().await?;
-        Ok(partials.into_iter().flatten().collect())
-    }
-
-    async fn read_partials(&self, path: Path) -> Result<Vec<(FilmTile, PartialHeader)>, StoreError> {
-        let Some(bytes) = get(&*self.objects.durable, &path).await? else { return Ok(Vec::new()) };
-        let decoded = blocking(move || match path.extension() {
-            Some("tar") => {
-                let (files, fault) = batch::unpack(&bytes);
-                if let Some(error) = fault {
-                    warn!(%path, error, "partials are damaged; rendering them again");
-                }
-                files
-                    .iter()
-                    .filter_map(|(name, file)| decode(&path.clone().join(name.as_str()), file))
-                    .collect()
-            }
-            _ => decode(&path, &bytes).into_iter().collect(),
-        });
-        Ok(decoded.await)
-    }
-
-    /// Forgets the partials of some tiles, which are rendered again. Those of others stay durable at every moment.
-    pub async fn remove_tiles(
-        &self,
-        job: JobId,
-        frame: FrameIndex,
-        tiles: &[Tile],
-    ) -> Result<(), StoreError> {
-        let objects = &*self.objects.durable;
-        for path in list(objects, &partials_path(job, frame)).await? {
-            let is_concerned = |name: &str| tiles.iter().any(|tile| batch::is_of_tile(name, *tile));
-            if path.extension() == Some("tar") {
-                let (files, _) = batch::unpack(&get(objects, &path).await?.unwrap_or_default());
-                let total = files.len();
-                let rest: Vec<_> = files.into_iter().filter(|(name, _)| !is_concerned(name)).collect();
-                if rest.len() == total {
-                    continue;
-                }
-                if !rest.is_empty() {
-                    let rest = batch::pack(rest.iter().map(|(name, file)| (name.clone(), &file[..])));
-                    self.keep(&partials_path(job, frame).join(self.fresh_name("tar")), rest).await?;
-                }
-            } else if !path.filename().is_some_and(is_concerned) {
-                continue;
-            }
-            self.turn.check(&self.objects).await?;
-            objects.delete(&path).await.map_err(|error| StoreError::object(&path, &error))?;
-        }
-        Ok(())
-    }
-
     /// Takes a finished frame away, which is rendered again.
     pub async fn remove_frame(&self, job: JobId, frame: FrameIndex) -> Result<(), StoreError> {
         self.turn.check(&self.objects).await?;
@@ -287,22 +201,6 @@ impl Store {
         match self.objects.durable.delete(&path).await {
             Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
             Err(error) => Err(StoreError::object(&path, &error)),
-        }
-    }
-
-    /// Forgets all partials of a job that was given up. What is left behind is only in the way of the disk.
-    pub async fn remove_all_partials(&self, job: JobId) {
-        if self.turn.check(&self.objects).await.is_ok() {
-            let folder = job_path(job).join("partials");
-            self.remove(list(&*self.objects.durable, &folder).await.unwrap_or_default()).await;
-        }
-    }
-
-    /// Forgets the partials of a frame that is finished. What is left behind is only in the way of the disk.
-    pub async fn remove_partials(&self, job: JobId, frame: FrameIndex) {
-        if self.turn.check(&self.objects).await.is_ok() {
-            self.remove(list(&*self.objects.durable, &partials_path(job, frame)).await.unwrap_or_default())
-                .await;
         }
     }
 
@@ -337,19 +235,9 @@ fn job_path(job: JobId) -> Path {
     Path::from("jobs").join(job.to_string())
 }
 
-fn partials_path(job: JobId, frame: FrameIndex) -> Path {
-    job_path(job).join("partials").join(frame.to_string())
-}
-
 /// Where a finished frame is, from the store's root.
 pub fn frame_path(job: JobId, frame: FrameIndex) -> Path {
     job_path(job).join("frames").join(format!("frame.{:04}.exr", frame.0))
-}
-
-fn decode(path: &Path, bytes: &[u8]) -> Option<(FilmTile, PartialHeader)> {
-    decode_partial(bytes, PartialLimits::default())
-        .inspect_err(|error| warn!(%path, %error, "partial is damaged; rendering it again"))
-        .ok()
 }
 
 /// The store's name, made up once.

@@ -1,6 +1,6 @@
 use super::*;
 use crate::pieces;
-use farm_film::{Counters, SampleBlock, Tile};
+use farm_film::{Counters, FilmTile, SampleBlock, Tile, WorkUnit};
 use farm_image::{PartialHeader, encode_partial};
 use farm_job::{Digest, FrameRange, JobSpec, JobState, Stop};
 use farm_scene::{Filter, Integrator, Settings};
@@ -69,8 +69,9 @@ async fn open(place: &tempfile::TempDir) -> Store {
     Store::open(&folder(place), Patience::Leave).await.unwrap()
 }
 
-fn starts(partials: &[(FilmTile, PartialHeader)]) -> Vec<u64> {
-    let mut starts: Vec<_> = partials.iter().map(|(tile, _)| tile.block().start()).collect();
+fn starts(objects: &[StoredObject]) -> Vec<u64> {
+    let partials = objects.iter().flat_map(|object| &object.partials);
+    let mut starts: Vec<_> = partials.map(|(tile, _)| tile.block().start()).collect();
     starts.sort();
     starts
 }
@@ -121,7 +122,7 @@ async fn tiles_are_forgotten_alone() {
     store.remove_tiles(JobId(1), frame, &[unit(0).tile]).await.unwrap();
     store.remove_tiles(JobId(1), FrameIndex(3), &[unit(0).tile]).await.unwrap();
     let left = store.partials(JobId(1), frame).await.unwrap();
-    assert!(left.iter().all(|(tile, _)| tile.tile() == other(0).tile));
+    assert!(left.iter().flat_map(|object| &object.partials).all(|(tile, _)| tile.tile() == other(0).tile));
     assert_eq!(starts(&left), [0, 16]);
     store.put_frame(JobId(1), frame, Bytes::from("exr")).await.unwrap();
     store.remove_frame(JobId(1), frame).await.unwrap();
