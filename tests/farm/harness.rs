@@ -60,6 +60,18 @@ pub fn worker() -> Command {
     program("worker")
 }
 
+/// The command as further arguments of one that runs it.
+pub fn wrapped(mut wrapper: Command, command: &Command) -> Command {
+    wrapper.arg(command.get_program()).args(command.get_args());
+    for (name, value) in command.get_envs() {
+        match value {
+            Some(value) => wrapper.env(name, value),
+            None => wrapper.env_remove(name),
+        };
+    }
+    wrapper
+}
+
 /// A folder with the test's scene in it.
 pub struct Place(tempfile::TempDir);
 

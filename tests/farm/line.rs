@@ -1,6 +1,7 @@
 //! Two hosts with a bad line between them: network namespaces, whose packets pass through this process, where they are delayed
 //! and lost. The same as `tc netem`, which not every kernel has.
 
+use crate::harness::wrapped;
 use rustix::ioctl::{Setter, ioctl};
 use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
 use std::fs::File;
@@ -63,15 +64,9 @@ impl Line {
 
     /// The command, on a host.
     pub fn on(&self, host: usize, command: &Command) -> Command {
-        let mut moved = Command::new("ip");
-        moved.args(["netns", "exec", &self.hosts[host]]).arg(command.get_program()).args(command.get_args());
-        for (name, value) in command.get_envs() {
-            match value {
-                Some(value) => moved.env(name, value),
-                None => moved.env_remove(name),
-            };
-        }
-        moved
+        let mut wrapper = Command::new("ip");
+        wrapper.args(["netns", "exec", &self.hosts[host]]);
+        wrapped(wrapper, command)
     }
 
     /// Whether nothing comes through any more; neither side is told.

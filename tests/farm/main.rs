@@ -16,6 +16,7 @@ mod intruders;
 mod lent_hosts;
 mod line;
 mod owners;
+mod played_host;
 mod same_bits;
 mod secrets;
 mod server;
