@@ -315,8 +315,7 @@ impl Driver {
             let _ = self.assembly.send(Task::Restore(job, frame, partials)).await;
         }
         let spec = Box::new((*spec).clone());
-        self.handle(Event::JobSubmitted { job, spec, finished, durable: units });
-        self.handle(Event::OriginsRecalled { job, origins });
+        self.handle(Event::JobSubmitted { job, spec, finished, durable: units, origins });
         if !self.trouble.is_empty() {
             self.handle(Event::JobPaused { job });
         }

@@ -7,9 +7,9 @@ use crate::farm::{Ending, Farm, JobOrder, Submission};
 use crate::outputs::Outputs;
 use crate::service::{ControlService, Listener, UploadLimits};
 use crate::signals::Signals;
-use crate::store::{Holding, Patience, Store, StoreError, StoreLocation, StoredJob, largest};
-use farm_film::{Counters, FilmTile, FrameIndex, Tile};
-use farm_job::{JobId, JobState};
+use crate::store::{Holding, Patience, Store, StoreError, StoreLocation, StoredJob, StoredPartial, largest};
+use farm_film::{Counters, FilmTile, FrameIndex, Tile, WorkUnit};
+use farm_job::{Digest, JobId, JobState};
 use farm_scheduler::Origin;
 use farm_worker::cli::Fault;
 use farm_worker::frames::partial_header;
@@ -54,8 +54,6 @@ async fn serve_from(
     let listener = Listener::bind(doors).await?;
     let farm = driver::start(Some(store.clone()), verify)
         .map_err(|err| Fault::failed(format!("cannot start: {err}")))?;
-    let reputation = store.reputation().await.map_err(Fault::failed)?;
-    farm.recall(reputation).await.map_err(Fault::failed)?;
     let jobs = restore_all(&farm, &store).await.map_err(Fault::failed)?;
     eprintln!("listening on {}", listener.address());
     announce(&doors.security, listener.address())?;
@@ -76,8 +74,9 @@ pub enum RestoreError {
     Ending(#[from] Ending),
 }
 
-/// Goes on with every job that the store holds; all of them, also those that have ended.
+/// Goes on with every job that the store holds, and with what is known of workers; all jobs, also those that have ended.
 pub async fn restore_all(farm: &Farm, store: &Store) -> Result<Vec<StoredJob>, RestoreError> {
+    farm.recall(store.reputation().await?).await?;
     let jobs = store.jobs().await?;
     for job in &jobs {
         restore(farm, store, job).await?;
@@ -106,11 +105,21 @@ pub async fn restore(farm: &Farm, store: &Store, record: &StoredJob) -> Result<(
     Ok(())
 }
 
+/// Who delivered what nobody vouches for.
+const UNKNOWN: &str = "someone unknown";
+
+/// A partial that is kept, and its file's digest.
+type Kept = (FilmTile, (Counters, Digest));
+
 /// What is there of a job.
 async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, StoreError> {
     let (job, spec) = (record.job, record.spec.clone());
     let origins = honest_origins(store, job).await?;
     let finished = store.finished_frames(job).await?;
+    let (mut origins, of_open): (Vec<_>, Vec<_>) =
+        origins.into_iter().partition(|origin| finished.contains(&origin.frame));
+    let known: BTreeMap<_, String> =
+        of_open.into_iter().filter_map(|origin| Some((origin.part?, origin.name))).collect();
     let (mut durable, mut stored) = (Vec::new(), Vec::new());
     for frame in store.begun_frames(job).await? {
         if finished.contains(&frame) {
@@ -119,10 +128,18 @@ async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, Sto
             continue;
         }
         let (partials, holdings) = partials(store, record, frame).await?;
-        if !partials.is_empty() {
-            durable.push((frame, partials));
-        }
         stored.push((frame, holdings));
+        if partials.is_empty() {
+            continue;
+        }
+        origins.extend(partials.iter().map(|(tile, (_, digest))| {
+            let part = (WorkUnit { frame, tile: tile.tile(), block: tile.block() }, *digest);
+            // Nothing is known of what was merged, or was still put by a coordinator whose turn was over.
+            let name = known.get(&part).map_or(UNKNOWN, String::as_str).to_owned();
+            Origin { frame, name, part: Some(part) }
+        }));
+        let partials = partials.into_iter().map(|(tile, (counters, _))| (tile, counters));
+        durable.push((frame, partials.collect()));
     }
     let outputs = Outputs::Store { scene_name: spec.name.clone() };
     let finished = finished.into_iter().collect();
@@ -134,9 +151,10 @@ async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, Sto
 async fn honest_origins(store: &Store, job: JobId) -> Result<Vec<Origin>, StoreError> {
     let mut origins = store.origins(job).await?;
     let liars = if origins.is_empty() { BTreeSet::new() } else { store.reputation().await?.distrusted };
+    let tile = |origin: &Origin| origin.part.map(|(unit, _)| unit.tile);
     let mut tainted: BTreeMap<FrameIndex, Vec<Tile>> = BTreeMap::new();
     for origin in origins.iter().filter(|origin| liars.contains(&origin.name)) {
-        tainted.entry(origin.frame).or_default().push(origin.tile);
+        tainted.entry(origin.frame).or_default().extend(tile(origin));
     }
     let finished = if tainted.is_empty() { BTreeSet::new() } else { store.finished_frames(job).await? };
     for (frame, tiles) in tainted {
@@ -149,7 +167,8 @@ async fn honest_origins(store: &Store, job: JobId) -> Result<Vec<Origin>, StoreE
             store.remove_tiles(job, frame, &tiles).await?;
         }
         store.remove_origins(job, frame, (!whole).then_some(&tiles)).await?;
-        origins.retain(|origin| origin.frame != frame || !(whole || tiles.contains(&origin.tile)));
+        let concerned = |origin: &Origin| tile(origin).is_none_or(|tile| tiles.contains(&tile));
+        origins.retain(|origin| origin.frame != frame || !(whole || concerned(origin)));
     }
     Ok(origins)
 }
@@ -160,7 +179,7 @@ async fn partials(
     store: &Store,
     record: &StoredJob,
     frame: FrameIndex,
-) -> Result<(Vec<(FilmTile, Counters)>, Vec<Holding>), StoreError> {
+) -> Result<(Vec<Kept>, Vec<Holding>), StoreError> {
     let (job, spec) = (record.job, &record.spec);
     let damaged = |fault: String| StoreError::Damaged { path: format!("jobs/{job}/job.json"), fault };
     let resolution = spec.resolution().map_err(|err| damaged(err.to_string()))?;
@@ -168,10 +187,10 @@ async fn partials(
     let (mut sound, mut holdings) = (Vec::new(), Vec::new());
     for object in store.partials(job, frame).await? {
         let (holding, mut is_sound) = (object.holding(), object.is_whole);
-        for (tile, header) in object.partials {
+        for StoredPartial { tile, header, digest } in object.partials {
             match check_header(&header, &expected) {
                 Ok(()) if tile.is_finite() => {
-                    sound.push((tile, header.counters));
+                    sound.push((tile, (header.counters, digest)));
                     continue;
                 }
                 Ok(()) => warn!(%job, tile = %tile.tile(), "kept partial is not finite; rendering it again"),

@@ -104,7 +104,7 @@ impl Plan {
         let coordinators = if dice.percent(40) { 2 } else { 1 };
         let hosts = Hosts { workers: count as u64, coordinators: coordinators as u64 };
         let mut faults: Vec<_> = (0..dice.roll(12))
-            .map(|_| (dice.millis(TROUBLE.as_millis() as u64), fault(dice, hosts, liar.is_some())))
+            .map(|_| (dice.millis(TROUBLE.as_millis() as u64), fault(dice, hosts)))
             .collect();
         faults.sort_by_key(|(at, _)| *at);
         Self {
@@ -150,15 +150,14 @@ struct Hosts {
     coordinators: u64,
 }
 
-fn fault(dice: &mut Dice, hosts: Hosts, has_liar: bool) -> Fault {
+fn fault(dice: &mut Dice, hosts: Hosts) -> Fault {
     let (worker, coordinator) = (dice.roll(hosts.workers) as usize, dice.roll(hosts.coordinators) as usize);
     let (short, long) = (dice.millis(4_000), dice.millis(15_000));
     match dice.roll(18) {
         0 | 1 => Fault::WorkerDies(worker, short),
         2 => Fault::WorkerLeaves(worker),
-        // A comparison that a restart interrupts is not made up for: a liar may go unnoticed.
-        3 | 4 if !has_liar => Fault::CoordinatorDies(coordinator, short),
-        15 if !has_liar => Fault::CoordinatorHangs(coordinator, long),
+        3 | 4 => Fault::CoordinatorDies(coordinator, short),
+        15 => Fault::CoordinatorHangs(coordinator, long),
         16 => Fault::LooseCable(worker, long),
         5 => Fault::Partition(worker, long),
         6 => Fault::Deaf(worker, long),
@@ -168,8 +167,7 @@ fn fault(dice: &mut Dice, hosts: Hosts, has_liar: bool) -> Fault {
         10 => Fault::StoreFull(short),
         11 => Fault::StoreSlow(long),
         12 => Fault::StoreDenies(short),
-        // What a liar delivered is taken out of the store again.
-        13 | 14 if !has_liar => Fault::Audit,
+        13 | 14 => Fault::Audit,
         _ => Fault::ClockJumps(Duration::from_secs(2) + long),
     }
 }

@@ -84,6 +84,7 @@ fn simulate(seed: u64) -> Result<Story, String> {
     let mut dice = Dice::new(seed);
     let plan = Plan::new(&mut dice);
     tracing::info!(?plan, "a farm");
+    let has_liar = plan.workers.iter().any(|worker| worker.lies);
     let bound = plan.bound(PICTURE.samples() * PICTURE.spec.frames.count());
     let mut sim = turmoil::Builder::new()
         .tick_duration(TICK)
@@ -103,10 +104,10 @@ fn simulate(seed: u64) -> Result<Story, String> {
         dead: Vec::new(),
         ends: Vec::new(),
     };
+    world.seen.lock().expect("nothing panics in here").has_liar = has_liar;
     world.build(&mut sim, &plan, seed);
     let mut faults = plan.faults.iter().copied().peekable();
     let quiet = |world: &World| world.dead.is_empty() && world.ends.is_empty();
-    let has_liar = plan.workers.iter().any(|worker| worker.lies);
     let mut calm_since = None;
     loop {
         let now = sim.elapsed();
@@ -125,7 +126,7 @@ fn simulate(seed: u64) -> Result<Story, String> {
             calm_since = None;
         }
         world.end_who_is_fenced(&mut sim, now);
-        if world.disk.mood.removed.swap(false, Ordering::Relaxed) && !has_liar {
+        if world.disk.mood.removed.swap(false, Ordering::Relaxed) {
             world.audit();
         }
         let seen = world.seen.lock().expect("nothing panics in here");

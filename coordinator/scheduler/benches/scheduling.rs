@@ -48,7 +48,8 @@ fn main() {
 }
 
 fn submitted(durable: Vec<WorkUnit>) -> Event {
-    Event::JobSubmitted { job: JOB, spec: Box::new(million_units()), finished: Vec::new(), durable }
+    let (spec, finished, origins) = (Box::new(million_units()), Vec::new(), Vec::new());
+    Event::JobSubmitted { job: JOB, spec, finished, durable, origins }
 }
 
 fn joined(scheduler: &mut Scheduler) {

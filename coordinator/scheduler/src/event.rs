@@ -20,15 +20,15 @@ pub struct Delivery {
     pub digest: Digest,
 }
 
-/// Somebody delivered something of a tile.
+/// Somebody delivered something of a frame before the coordinator started.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Origin {
     /// Which picture.
     pub frame: FrameIndex,
-    /// Which part of it.
-    pub tile: Tile,
     /// Names the worker across connections.
     pub name: String,
+    /// What, and the partial's digest; nothing of a frame that is finished, of which only who took part matters.
+    pub part: Option<(WorkUnit, Digest)>,
 }
 
 /// What happened in the world.
@@ -45,12 +45,7 @@ pub enum Event {
         finished: Vec<FrameIndex>,
         /// Partials that are already durable, in any order; what is no part of the job is ignored.
         durable: Vec<WorkUnit>,
-    },
-    /// Who delivered what of a job before the coordinator started; comes after [`Event::JobSubmitted`].
-    OriginsRecalled {
-        /// Which one.
-        job: JobId,
-        /// In any order; what is no part of the job is ignored.
+        /// Who delivered what of all that, in any order; what is no part of the job is ignored.
         origins: Vec<Origin>,
     },
     /// What was known of workers before the coordinator started.

@@ -94,6 +94,9 @@ const QUARANTINE_FIRST: Duration = Duration::from_secs(10);
 /// The longest: a machine that was repaired is back within this.
 const QUARANTINE_MAX: Duration = Duration::from_secs(640);
 
+/// After a restart workers come back within this. Before that it is not known who is there to compare results.
+pub(crate) const COME_BACK: Duration = Duration::from_secs(10);
+
 /// When the scheduler was not told the time for this much longer than it asked for, the coordinator itself stood still. The
 /// silence was its own, so that nobody's lease ends before everybody had the chance to be heard again.
 pub(crate) const OVERSLEPT: Duration = Duration::from_secs(1);

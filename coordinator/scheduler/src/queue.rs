@@ -83,11 +83,6 @@ impl Queue {
         self.pieces.is_empty() && self.cursor.is_none()
     }
 
-    /// Whether nothing of a frame is missing.
-    pub fn is_complete(&self, position: u32) -> bool {
-        self.progress.is_complete(position, self.cursor)
-    }
-
     /// Every lease on any piece, in planning order.
     pub fn leases(&self) -> impl Iterator<Item = LeaseId> + '_ {
         self.pieces.values().flat_map(|piece| piece.leases.iter().copied())

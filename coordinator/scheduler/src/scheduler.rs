@@ -9,7 +9,7 @@ use crate::progress::Milestone;
 use crate::queue::Accepted;
 use crate::verify::Claim;
 use crate::worker::Workers;
-use crate::{Action, Config, Delivery, Event, JobFault, Timestamp, WhyDisconnect, policy};
+use crate::{Action, Config, Delivery, Event, JobFault, Origin, Timestamp, WhyDisconnect, policy};
 use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobSpec, JobState, LeaseId, WorkerId};
 use std::collections::{BTreeMap, VecDeque};
@@ -21,6 +21,8 @@ pub struct Scheduler {
     pub(crate) now: Timestamp,
     /// Nobody counts as silent before this.
     grace_until: Timestamp,
+    /// Until this, comparisons wait for workers that may come back.
+    pub(crate) checks_until: Timestamp,
     pub(crate) jobs: Jobs,
     pub(crate) workers: Workers,
     pub(crate) health: Health,
@@ -42,6 +44,7 @@ impl Scheduler {
             config,
             now: Timestamp::START,
             grace_until: Timestamp::START,
+            checks_until: Timestamp::START,
             jobs: Jobs::default(),
             workers: Workers::default(),
             health: Health::default(),
@@ -57,10 +60,9 @@ impl Scheduler {
     pub fn handle(&mut self, now: Timestamp, event: Event) {
         self.pass_time(now);
         match event {
-            Event::JobSubmitted { job, spec, finished, durable } => {
-                self.job_submitted(job, &spec, &finished, &durable);
+            Event::JobSubmitted { job, spec, finished, durable, origins } => {
+                self.job_submitted(job, &spec, &finished, &durable, &origins);
             }
-            Event::OriginsRecalled { job, origins } => self.recall_origins(job, &origins),
             Event::ReputationRecalled(reputation) => {
                 self.health.recall(reputation, self.now);
                 self.refile_workers();
@@ -112,7 +114,8 @@ impl Scheduler {
         let silence = [self.leases.next_check(), self.workers.next_check()].into_iter().flatten().min();
         let silence = silence.map(|moment| moment.max(self.grace_until));
         let again = self.may_speculate().then(|| self.now.after(policy::SPECULATE_AGAIN));
-        [silence, self.health.next_pardon(), again].into_iter().flatten().min()
+        let waive = (self.now < self.checks_until).then_some(self.checks_until);
+        [silence, self.health.next_pardon(), again, waive].into_iter().flatten().min()
     }
 
     pub(crate) fn pass_time(&mut self, now: Timestamp) {
@@ -142,7 +145,14 @@ impl Scheduler {
         }
     }
 
-    fn job_submitted(&mut self, id: JobId, spec: &JobSpec, finished: &[FrameIndex], durable: &[WorkUnit]) {
+    fn job_submitted(
+        &mut self,
+        id: JobId,
+        spec: &JobSpec,
+        finished: &[FrameIndex],
+        durable: &[WorkUnit],
+        origins: &[Origin],
+    ) {
         if self.jobs.get(id).is_some_and(|job| !job.state.is_final()) {
             return;
         }
@@ -158,6 +168,7 @@ impl Scheduler {
             job.queue.complete_frame(*frame);
         }
         let milestones = durable.iter().flat_map(|unit| job.queue.cover(unit)).collect();
+        self.recall_origins(id, finished, origins);
         self.settle(id, Some(Accepted { displaced: Vec::new(), milestones }));
     }
 

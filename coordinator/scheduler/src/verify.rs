@@ -7,8 +7,8 @@ use crate::checks::{Settled, Vote};
 use crate::lease::Work;
 use crate::provenance::Tainted;
 use crate::worker::Worker;
-use crate::{Action, Delivery, Origin, Scheduler};
-use farm_film::{Tile, WorkUnit};
+use crate::{Action, Delivery, Origin, Scheduler, Verdict, policy};
+use farm_film::{FrameIndex, Tile, WorkUnit};
 use farm_job::{JobId, JobState, LeaseId, WorkerId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -28,19 +28,28 @@ impl Scheduler {
         }
     }
 
-    /// Notes who delivered something of a tile, or of a frame that is finished, before the coordinator started.
-    pub(crate) fn recall_origins(&mut self, id: JobId, origins: &[Origin]) {
+    /// Goes on where an earlier life was: what is there of open frames may be wrong, and what is chosen of it is compared, once
+    /// more if it was before.
+    pub(crate) fn recall_origins(&mut self, id: JobId, finished: &[FrameIndex], origins: &[Origin]) {
         let Some(job) = self.jobs.get_mut(id).filter(|_| self.config.verify > 0.0) else { return };
-        let mut frames = BTreeSet::new();
-        for Origin { frame, tile, name } in origins {
-            let plan = job.queue.plan();
-            let place = plan.frame_position(*frame).zip(plan.tile_position(*tile));
-            let Some((position, tile)) = place else { continue };
-            job.provenance.add(position, tile, name.as_str().into());
-            frames.insert(position);
+        let finished: BTreeSet<FrameIndex> = finished.iter().copied().collect();
+        for Origin { frame, name, part } in origins {
+            let Some(position) = job.queue.plan().frame_position(*frame) else { continue };
+            let name: Arc<str> = name.as_str().into();
+            if finished.contains(frame) {
+                job.provenance.add(position, 0, name);
+                job.provenance.finish(position);
+                continue;
+            }
+            let Some((unit, digest)) = part else { continue };
+            let Some(cell) = job.queue.plan().locate(unit) else { continue };
+            job.provenance.add(position, cell.tile, name.clone());
+            let is_there = job.queue.verdict(unit) == Verdict::NotNeeded;
+            if is_there && lot(self.config.verify_seed, id, unit) < self.config.verify {
+                job.checks.begin(*unit, name, *digest);
+                self.checks_until = self.now.after(policy::COME_BACK);
+            }
         }
-        let finished = frames.into_iter().filter(|position| job.queue.is_complete(*position));
-        finished.for_each(|position| job.provenance.finish(position));
     }
 
     /// Takes a result that is not needed as a vote on one that is there; whether it was one.
@@ -153,7 +162,7 @@ impl Scheduler {
     /// Stops waiting for checks that nobody can do while a frame waits for them. A dispute waits nevertheless: one of the two is
     /// wrong.
     pub(crate) fn waive_checks(&mut self) {
-        if self.config.verify <= 0.0 {
+        if self.config.verify <= 0.0 || self.now < self.checks_until {
             return;
         }
         let holding = self.jobs.by_id.iter().filter(|(_, job)| !job.state.is_final() && !job.held.is_empty());
@@ -214,7 +223,7 @@ fn lot(seed: u64, job: JobId, unit: &WorkUnit) -> f64 {
 pub(crate) fn lot_of_tile(seed: u64, job: u64, x0: u32) -> f64 {
     let tile = Tile::new(x0, 0, x0 + 8, 8).expect("a tile");
     let block = farm_film::SampleBlock::new(0..16).expect("a leaf");
-    lot(seed, JobId(job), &WorkUnit { frame: farm_film::FrameIndex(0), block, tile })
+    lot(seed, JobId(job), &WorkUnit { frame: FrameIndex(0), block, tile })
 }
 
 /// SplitMix64's finaliser: every bit of the outcome depends on every bit of `value`.

@@ -4,9 +4,9 @@ use super::merging::{LeftBehind, Merging};
 use super::{Key, Order, Reopened};
 use crate::assembly::{Claimed, Report, StorePart, Task};
 use crate::store::{Holding, OBJECT_BYTES_MAX, OBJECT_PARTIALS_MAX, Store, StoreError};
-use farm_film::Tile;
 use farm_job::JobId;
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use farm_scheduler::Origin;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -30,15 +30,12 @@ pub(super) struct Desk {
     removals: JoinSet<()>,
     /// Whether it is kept who delivered what.
     origins: bool,
-    /// What of that is durable already.
-    noted: BTreeMap<Key, BTreeSet<(Tile, String)>>,
     fails: bool,
 }
 
 /// A put that has ended.
 struct Ended {
     batch: Vec<Claimed>,
-    origins: Vec<(Tile, String)>,
     outcome: Result<Holding, StoreError>,
 }
 
@@ -60,7 +57,6 @@ impl Desk {
             merging: Merging::default(),
             removals: JoinSet::new(),
             origins,
-            noted: BTreeMap::new(),
             fails: false,
         }
     }
@@ -90,6 +86,8 @@ impl Desk {
 
     async fn obey(&mut self, order: Order, puts: &mut JoinSet<Ended>) {
         match order {
+            // Whose they are is known of what was delivered, not of what was merged.
+            Order::Open(..) if self.origins => {}
             Order::Open(job, spec, durable) => {
                 self.merging.open(job, spec.rounds().unwrap_or_default());
                 for (frame, holdings) in durable {
@@ -110,8 +108,11 @@ impl Desk {
             }
             Order::Finished(job, frame) => {
                 let key = (job, frame);
-                self.noted.remove(&key);
                 self.merging.forget(key);
+                if self.origins {
+                    // What is left after a failure is read like what it would have become.
+                    let _ = self.store.settle_origins(job, frame).await;
+                }
                 // Otherwise some of them are on their way.
                 if !self.merging.is_at(key) {
                     self.tidy(Some(LeftBehind(key)));
@@ -121,7 +122,6 @@ impl Desk {
                 self.drop_waiting(job);
                 self.catch_up(puts).await;
                 self.store.remove_all_partials(job).await;
-                self.noted.retain(|key, _| key.0 != job);
                 self.merging.close(job);
                 let _ = done.send(());
             }
@@ -155,8 +155,7 @@ impl Desk {
             && let Some(batch) = self.next_batch()
         {
             let pause = if self.fails { RETRY_AFTER } else { Duration::ZERO };
-            let origins = self.new_origins(&batch);
-            puts.spawn(put(self.store.clone(), batch, origins, pause));
+            puts.spawn(put(self.store.clone(), batch, self.origins, pause));
         }
     }
 
@@ -164,7 +163,6 @@ impl Desk {
     /// forgotten last.
     async fn reopen(&mut self, Reopened { job, frame, tiles, finished }: Reopened) {
         let store = self.store.clone();
-        self.noted.remove(&(job, frame));
         self.merging.forget((job, frame));
         // Partials of a finished frame may be there still, as it may not have been written yet.
         self.insist(|| store.remove_tiles(job, frame, &tiles)).await;
@@ -189,27 +187,6 @@ impl Desk {
             tokio::time::sleep(RETRY_AFTER).await;
         }
         self.works();
-    }
-
-    /// Who delivered what of a batch, as far as that is news.
-    fn new_origins(&self, batch: &[Claimed]) -> Vec<(Tile, String)> {
-        if !self.origins {
-            return Vec::new();
-        }
-        let key = (batch[0].delivery.job, batch[0].delivery.unit.frame);
-        let noted = self.noted.get(&key);
-        let all = batch.iter().map(|claimed| (claimed.delivery.unit.tile, claimed.worker.clone()));
-        let new: BTreeSet<_> =
-            all.filter(|origin| noted.is_none_or(|noted| !noted.contains(origin))).collect();
-        new.into_iter().collect()
-    }
-
-    /// What of this is durable is not noted again.
-    fn note_origins(&mut self, batch: &[Claimed], origins: Vec<(Tile, String)>) {
-        if let Some(first) = batch.first().filter(|_| !origins.is_empty()) {
-            let key = (first.delivery.job, first.delivery.unit.frame);
-            self.noted.entry(key).or_default().extend(origins);
-        }
     }
 
     fn works(&mut self) {
@@ -258,11 +235,10 @@ impl Desk {
         Some(batch)
     }
 
-    async fn ended(&mut self, Ended { batch, origins, outcome }: Ended) {
+    async fn ended(&mut self, Ended { batch, outcome }: Ended) {
         match outcome {
             Ok(holding) => {
                 self.works();
-                self.note_origins(&batch, origins);
                 self.merging.put((batch[0].delivery.job, batch[0].delivery.unit.frame), holding);
                 for claimed in batch {
                     self.waiting_bytes.fetch_sub(claimed.partial_exr.len(), Ordering::Relaxed);
@@ -280,17 +256,22 @@ impl Desk {
     }
 }
 
-async fn put(store: Arc<Store>, batch: Vec<Claimed>, origins: Vec<(Tile, String)>, pause: Duration) -> Ended {
+async fn put(store: Arc<Store>, batch: Vec<Claimed>, with_origins: bool, pause: Duration) -> Ended {
     tokio::time::sleep(pause).await;
     let (job, frame) = (batch[0].delivery.job, batch[0].delivery.unit.frame);
     let partials: Vec<_> =
         batch.iter().map(|claimed| (&claimed.delivery.unit, claimed.partial_exr.clone())).collect();
     let outcome = async {
         // Nothing is there of which it is not known whose it is.
-        if !origins.is_empty() {
-            store.put_origins(job, frame, &origins).await?;
+        if with_origins {
+            store.put_origins(job, frame, &batch.iter().map(origin).collect::<Vec<_>>()).await?;
         }
         store.put_partials(job, frame, &partials).await
     };
-    Ended { outcome: outcome.await, origins, batch }
+    Ended { outcome: outcome.await, batch }
+}
+
+fn origin(Claimed { delivery, worker, .. }: &Claimed) -> Origin {
+    let (frame, name) = (delivery.unit.frame, worker.clone());
+    Origin { frame, name, part: Some((delivery.unit, delivery.digest)) }
 }

@@ -93,7 +93,8 @@ impl Store {
         });
         let objects: Vec<_> = read.buffered(READS).try_collect().await?;
         let work = blocking(move || {
-            let partials: Vec<Partial> = objects.into_iter().flat_map(|object| object.partials).collect();
+            let partials = objects.into_iter().flat_map(|object| object.partials);
+            let partials: Vec<Partial> = partials.map(|partial| (partial.tile, partial.header)).collect();
             let before = partials.len();
             let merged = merged(partials, &rounds).filter(|merged| merged.len() < before)?;
             // Whatever merges no more goes apart, so that it is written no more.

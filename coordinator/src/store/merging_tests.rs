@@ -72,7 +72,8 @@ async fn found(store: &Store) -> (Vec<Partial>, Vec<object_store::path::Path>) {
     let objects = store.partials(JOB, FRAME).await.unwrap();
     let mut shelf = Shelf::new(rounds());
     objects.iter().for_each(|object| shelf.add(object.holding()));
-    let partials = objects.into_iter().flat_map(|object| object.partials).collect();
+    let partials = objects.into_iter().flat_map(|object| object.partials);
+    let partials = partials.map(|partial| (partial.tile, partial.header)).collect();
     (largest(partials), shelf.take_superfluous())
 }
 

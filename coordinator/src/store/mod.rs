@@ -11,13 +11,14 @@
 //! jobs/<id>/partials/<frame>/*.exr     accepted results of frames that are not finished; under load several of them in
 //! jobs/<id>/partials/<frame>/*.tar     one object, as a put costs the same whatever its size
 //! jobs/<id>/frames/frame.####.exr      finished frames
-//! jobs/<id>/origins/<frame>/*.json     who delivered something of which tiles, where results are compared
+//! jobs/<id>/origins/<frame>/*.json     where results are compared: who delivered which, or took part in a finished frame
 //! workers/<epoch>-<n>.json             whose results were wrong, and who is in quarantine; the latest counts
 //! ```
 //!
 //! Restart: list, read, continue. Every intermediate state opens in any EXR viewer, and `coordinator merge` takes the
 //! partials as they are. Nothing that a coordinator leaves behind after its turn does harm: its partials hold the same bits
-//! as anybody's, and its states sort before those of the next turn.
+//! as anybody's, or, where results are compared, are of nobody known unless an origin has their digest, and compared like all
+//! others; its states sort before those of the next turn.
 
 mod batch;
 mod jobs;
@@ -34,7 +35,7 @@ mod turn;
 pub use jobs::{Fate, StoredJob};
 pub use location::{Clock, StoreLocation};
 pub use merging::largest;
-pub use partials::{Holding, OBJECT_BYTES_MAX, OBJECT_PARTIALS_MAX, StoredObject};
+pub use partials::{Holding, OBJECT_BYTES_MAX, OBJECT_PARTIALS_MAX, StoredObject, StoredPartial};
 pub use scenes::Unneeded;
 pub use shelf::{Crowd, Shelf};
 pub use turn::Patience;

@@ -6,7 +6,7 @@ use super::{READS, Store, StoreError, job_path};
 use bytes::Bytes;
 use farm_film::{FilmTile, FrameIndex, SampleBlock, Tile, WorkUnit};
 use farm_image::{PartialHeader, PartialLimits, decode_partial};
-use farm_job::JobId;
+use farm_job::{Digest, JobId};
 use farm_worker::blocking;
 use futures::{StreamExt, TryStreamExt};
 use object_store::path::Path;
@@ -35,13 +35,23 @@ pub struct StoredObject {
     /// Nothing in it is damaged.
     pub is_whole: bool,
     /// What can be read of it.
-    pub partials: Vec<(FilmTile, PartialHeader)>,
+    pub partials: Vec<StoredPartial>,
+}
+
+/// A partial that was read.
+pub struct StoredPartial {
+    /// Its sums.
+    pub tile: FilmTile,
+    /// What it says of itself.
+    pub header: PartialHeader,
+    /// Of the whole file.
+    pub digest: Digest,
 }
 
 impl StoredObject {
     /// What it holds.
     pub fn holding(&self) -> Holding {
-        let parts = self.partials.iter().map(|(tile, _)| (tile.tile(), tile.block())).collect();
+        let parts = self.partials.iter().map(|partial| (partial.tile.tile(), partial.tile.block())).collect();
         Holding { path: self.path.clone(), bytes: self.bytes, parts }
     }
 }
@@ -168,8 +178,9 @@ pub(super) fn partials_path(job: JobId, frame: FrameIndex) -> Path {
     job_path(job).join("partials").join(frame.to_string())
 }
 
-fn decode(path: &Path, name: &str, bytes: &[u8]) -> Option<(FilmTile, PartialHeader)> {
-    decode_partial(bytes, PartialLimits::default())
+fn decode(path: &Path, name: &str, bytes: &[u8]) -> Option<StoredPartial> {
+    let (tile, header) = decode_partial(bytes, PartialLimits::default())
         .inspect_err(|error| warn!(%path, name, %error, "partial is damaged; rendering it again"))
-        .ok()
+        .ok()?;
+    Some(StoredPartial { tile, header, digest: Digest(*blake3::hash(bytes).as_bytes()) })
 }

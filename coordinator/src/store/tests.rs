@@ -71,7 +71,7 @@ async fn open(place: &tempfile::TempDir) -> Store {
 
 fn starts(objects: &[StoredObject]) -> Vec<u64> {
     let partials = objects.iter().flat_map(|object| &object.partials);
-    let mut starts: Vec<_> = partials.map(|(tile, _)| tile.block().start()).collect();
+    let mut starts: Vec<_> = partials.map(|partial| partial.tile.block().start()).collect();
     starts.sort();
     starts
 }
@@ -122,7 +122,9 @@ async fn tiles_are_forgotten_alone() {
     store.remove_tiles(JobId(1), frame, &[unit(0).tile]).await.unwrap();
     store.remove_tiles(JobId(1), FrameIndex(3), &[unit(0).tile]).await.unwrap();
     let left = store.partials(JobId(1), frame).await.unwrap();
-    assert!(left.iter().flat_map(|object| &object.partials).all(|(tile, _)| tile.tile() == other(0).tile));
+    assert!(
+        left.iter().flat_map(|object| &object.partials).all(|partial| partial.tile.tile() == other(0).tile)
+    );
     assert_eq!(starts(&left), [0, 16]);
     store.put_frame(JobId(1), frame, Bytes::from("exr")).await.unwrap();
     store.remove_frame(JobId(1), frame).await.unwrap();

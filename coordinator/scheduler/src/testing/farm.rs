@@ -1,8 +1,8 @@
 //! A farm that does what a story says, and nothing else.
 
 use super::honest;
-use crate::{Action, Config, Delivery, Event, JobStatus, Scheduler, Timestamp, Verdict};
-use farm_film::{SampleBlock, WorkUnit};
+use crate::{Action, Config, Delivery, Event, JobStatus, Origin, Scheduler, Timestamp, Verdict};
+use farm_film::{FrameIndex, SampleBlock, WorkUnit};
 use farm_job::{Digest, JobId, JobSpec, JobState, LeaseId, WorkerId};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -80,10 +80,21 @@ impl Farm {
     }
 
     /// Submits a job of which some is there already.
-    pub fn restarted_with(mut self, spec: JobSpec, durable: Vec<WorkUnit>) -> Self {
+    pub fn restarted_with(self, spec: JobSpec, durable: Vec<WorkUnit>) -> Self {
+        self.recalling(spec, Vec::new(), durable, Vec::new())
+    }
+
+    /// Submits a job of which some is there already, of known origin.
+    pub fn recalling(
+        mut self,
+        spec: JobSpec,
+        finished: Vec<FrameIndex>,
+        durable: Vec<WorkUnit>,
+        origins: Vec<Origin>,
+    ) -> Self {
         let job = JobId(self.jobs);
         self.jobs += 1;
-        self.tell(Event::JobSubmitted { job, spec: Box::new(spec), finished: Vec::new(), durable });
+        self.tell(Event::JobSubmitted { job, spec: Box::new(spec), finished, durable, origins });
         self
     }
 

@@ -97,7 +97,13 @@ fn render(speeds: &[f64], width: u32, height: u32, spp: u64) -> Outcome {
         rendered: BTreeMap::new(),
     };
     let (finished, durable) = Default::default();
-    world.tell(Event::JobSubmitted { job: JobId(0), spec: Box::new(job), finished, durable });
+    world.tell(Event::JobSubmitted {
+        job: JobId(0),
+        spec: Box::new(job),
+        finished,
+        durable,
+        origins: Vec::new(),
+    });
     for (id, &speed) in (1..).map(WorkerId).zip(speeds) {
         world.workers.insert(id, SimWorker { speed, ..SimWorker::default() });
         world.tell(Event::WorkerJoined { worker: id, name: id.to_string(), slots: 1 });

@@ -166,6 +166,7 @@ impl World {
             spec: Box::new(job.spec.clone()),
             finished: job.finished.keys().copied().collect(),
             durable: durable.collect(),
+            origins: Vec::new(),
         };
         self.tell(event);
     }

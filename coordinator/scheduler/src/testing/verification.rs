@@ -4,7 +4,7 @@ use super::farm::{A, B, C, Farm, Held, JOB, delivery};
 use super::{spec, wrong};
 use crate::{Action, Config, Event, Origin, Reputation, Verdict, WhyIdle};
 use farm_film::{FrameIndex, Tile, WorkUnit};
-use farm_job::{JobSpec, JobState, Stop};
+use farm_job::{Digest, JobSpec, JobState, Stop};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -74,26 +74,32 @@ fn third_worker_tells_who_lies_and_all_that_came_from_there_is_rendered_again() 
     assert_eq!(distrusted(&farm), []);
 }
 
+fn unit(frame: u32, x: u32) -> WorkUnit {
+    let tile = Tile::new(x, 0, x + 8, 8).unwrap();
+    WorkUnit { frame: FrameIndex(frame), tile, block: super::farm::block(0..16) }
+}
+
+fn delivered(unit: WorkUnit, name: &str, digest: Digest) -> Origin {
+    Origin { frame: unit.frame, name: name.to_owned(), part: Some((unit, digest)) }
+}
+
+fn took_part(frame: u32, name: &str) -> Origin {
+    Origin { frame: FrameIndex(frame), name: name.to_owned(), part: None }
+}
+
 #[test]
 fn what_a_liar_delivered_before_a_restart_is_rendered_again() {
-    let unit = |frame, x| WorkUnit {
-        frame: FrameIndex(frame),
-        tile: Tile::new(x, 0, x + 8, 8).unwrap(),
-        block: super::farm::block(0..16),
-    };
-    let origin =
-        |unit: &WorkUnit, name: &str| Origin { frame: unit.frame, tile: unit.tile, name: name.into() };
-    // Of frame 0 everything was there, of frame 1 the first two tiles.
-    let durable = vec![unit(0, 0), unit(0, 8), unit(0, 16), unit(1, 0), unit(1, 8)];
-    let mut farm = Farm::verifying(0).restarted_with(tiles_job(3, "0-1"), durable);
+    // Frame 0 was finished; of frame 1 two tiles of three were there, of which the liar's was right.
+    let (of_b, of_a) = (unit(1, 0), unit(1, 8));
     let origins = vec![
-        origin(&unit(0, 0), "A"),
-        origin(&unit(0, 8), "B"),
-        origin(&unit(1, 0), "B"),
-        origin(&unit(1, 8), "A"),
-        origin(&unit(7, 0), "B"),
+        took_part(0, "A"),
+        took_part(0, "B"),
+        delivered(of_b, "B", super::honest(&of_b)),
+        delivered(of_a, "A", super::honest(&of_a)),
+        delivered(unit(7, 0), "B", super::honest(&of_b)),
     ];
-    farm.tell(Event::OriginsRecalled { job: JOB, origins });
+    let farm = Farm::verifying(0);
+    let mut farm = farm.recalling(tiles_job(3, "0-1"), vec![FrameIndex(0)], vec![of_b, of_a], origins);
     for worker in [A, B, C] {
         farm.join(worker, 1);
     }
@@ -102,6 +108,40 @@ fn what_a_liar_delivered_before_a_restart_is_rendered_again() {
     again.sort();
     assert!(expected.iter().all(|frame| again.contains(frame)), "{again:?}");
     farm.expect_state(JOB, JobState::Done);
+}
+
+#[test]
+fn a_comparison_that_a_restart_interrupted_is_made_up_for() {
+    // All samples were there, and nothing was compared; the liar never comes back.
+    let units = [unit(0, 0), unit(0, 8)];
+    let origins = vec![
+        delivered(units[0], "B", wrong(&units[0], 7)),
+        delivered(units[1], "A", super::honest(&units[1])),
+    ];
+    let mut farm = Farm::verifying(0).recalling(tiles_job(2, "0"), Vec::new(), units.to_vec(), origins);
+    assert!(
+        !farm.news.iter().any(|action| matches!(action, Action::FrameComplete { .. })),
+        "it is not believed"
+    );
+    for worker in [A, C] {
+        farm.join(worker, 1);
+    }
+    finish_all_but(&mut farm, &[]);
+    assert_eq!(reopened(&farm), [(FrameIndex(0), 1, false)]);
+    assert!(farm.scheduler.reputation().knows("B"));
+    farm.expect_state(JOB, JobState::Done);
+}
+
+#[test]
+fn nobody_comes_back_to_compare() {
+    let origins = vec![delivered(unit(0, 0), "B", super::honest(&unit(0, 0)))];
+    let mut farm = Farm::verifying(0).recalling(tiles_job(1, "0"), Vec::new(), vec![unit(0, 0)], origins);
+    farm.join(B, 1);
+    farm.advance(Duration::from_secs(9));
+    farm.expect_state(JOB, JobState::Running);
+    farm.advance(Duration::from_secs(2));
+    farm.expect_state(JOB, JobState::Done);
+    assert_eq!((farm.job(JOB).verified, farm.job(JOB).unverified), (0, 1));
 }
 
 #[test]
