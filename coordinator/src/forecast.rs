@@ -1,29 +1,11 @@
 //! When a frame, and with it a job, will be done.
 
 use crate::open_frame::Outlook;
-use farm_film::{ErrorEstimate, Prediction};
 use farm_job::JobSpec;
 use serde::Serialize;
 
 /// How far the speed of the rest may lie from that of what is done: tiles and rounds differ, and machines come and go.
 const SPEED_SPREAD: f64 = 1.1;
-
-/// The relative mean squared error that a frame is held to have when it is asked whether it may end: one standard deviation of the
-/// estimate above it. A frame is asked after every round and ends with the first that will do, so an estimate that is too small
-/// by chance would be picked out of all; without the margin frames would be worse on average than they were asked to be.
-pub fn cautious(error: &ErrorEstimate) -> f64 {
-    error.rel_mse * margin(error)
-}
-
-/// The band has two standard deviations on each side.
-fn margin(error: &ErrorEstimate) -> f64 {
-    error.rel_mse_band.sqrt()
-}
-
-/// Samples per pixel after which a frame of that error will end for its error.
-pub fn needed(error: &ErrorEstimate, target: f64) -> Option<Prediction> {
-    error.predict(target / margin(error))
-}
 
 /// What ends a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -61,7 +43,8 @@ impl Forecast {
             return None;
         }
         let per_sample = seconds / done;
-        let after = |spp: f64, spread: f64| seconds + (spp - done).max(0.0) * per_sample * spread;
+        let after =
+            |spp: f64, spread: f64| seconds + (outlook.mean_spp(spp) - done).max(0.0) * per_sample * spread;
         let at = |cause, spp: f64, band: f64| Self {
             cause,
             spp,
@@ -75,7 +58,7 @@ impl Forecast {
             let spp = done * end / seconds;
             ends.push(Self { cause: Cause::Time, spp, seconds: end, seconds_low: end, seconds_high: end });
         }
-        match spec.stop.error.map(|target| outlook.error.and_then(|error| needed(&error, target))) {
+        match spec.stop.error.map(|target| outlook.error.and_then(|error| error.predict_cautious(target))) {
             Some(Some(needed)) => {
                 let least = needed.spp.max(spec.stop.spp_min.max(outlook.spp) as f64);
                 // An error that wants more samples than there are may still be met early, but it is not what is expected.
@@ -119,15 +102,16 @@ impl Left {
     /// that one. None while nothing can be said.
     pub fn of_job(spec: &JobSpec, written: u64, outlook: &Outlook) -> Option<Self> {
         let seconds = outlook.begun?.elapsed().as_secs_f64();
-        Some(Self::after(&Forecast::of_frame(spec, outlook, seconds)?, spec, written, seconds))
+        let end = Forecast::of_frame(spec, outlook, seconds)?;
+        Some(Self::after(&end, outlook.mean_spp(end.spp), spec, written, seconds))
     }
 
-    fn after(end: &Forecast, spec: &JobSpec, written: u64, seconds: f64) -> Self {
+    fn after(end: &Forecast, spp: f64, spec: &JobSpec, written: u64, seconds: f64) -> Self {
         let later = spec.frames.count().saturating_sub(written + 1) as f64;
         let left = |end: f64| (end - seconds).max(0.0) + later * end;
         let area = f64::from(spec.settings.width) * f64::from(spec.settings.height);
         Self {
-            samples: area * end.spp * spec.frames.count() as f64,
+            samples: area * spp * spec.frames.count() as f64,
             seconds: left(end.seconds),
             seconds_low: left(end.seconds_low),
             seconds_high: left(end.seconds_high),
@@ -145,6 +129,7 @@ fn round_up(spec: &JobSpec, spp: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use farm_film::ErrorEstimate;
     use farm_job::{FrameRange, Stop};
     use farm_scene::{Filter, Integrator, SceneId, Settings};
     use std::time::Duration;
@@ -186,7 +171,15 @@ mod tests {
             rel_rate: 1.0,
             rel_parts: [0.04, 0.0, 0.0],
         };
-        Outlook { spp: 64, samples: 6400, begun: None, error: Some(error), slope: None }
+        Outlook {
+            spp: 64,
+            samples: 6400,
+            open: 1.0,
+            ended_spp: 0.0,
+            begun: None,
+            error: Some(error),
+            slope: None,
+        }
     }
 
     #[test]
@@ -197,13 +190,30 @@ mod tests {
         let error = Stop { error: Some(0.0112), ..Stop::default() };
         let good = end(1 << 20, error);
         assert_eq!((good.cause, good.seconds, good.spp), (Cause::Error, 32.0, 256.0));
-        assert_eq!(cautious(&outlook().error.unwrap()), 0.04 * 1.21f64.sqrt());
+        assert_eq!(outlook().error.unwrap().cautious(), 0.04 * 1.21f64.sqrt());
         assert!(good.seconds_low < 30.0 && good.seconds_high > 35.0, "{good:?}");
         assert_eq!(end(128, error).cause, Cause::Samples);
         let late = end(1 << 20, Stop { time: Some(Duration::from_secs(20)), ..error });
         assert_eq!((late.cause, late.seconds, late.spp), (Cause::Time, 20.0, 160.0));
         let animation = JobSpec { frames: FrameRange::new(1, 4, 1).unwrap(), ..spec(160, Stop::default()) };
-        assert_eq!(Left::after(&late, &animation, 1, 8.0).seconds, 12.0 + 40.0, "two more like this one");
+        assert_eq!(
+            Left::after(&late, late.spp, &animation, 1, 8.0).seconds,
+            12.0 + 40.0,
+            "two more like this one"
+        );
+    }
+
+    #[test]
+    fn tiles_that_have_ended_take_no_more_time() {
+        let stop = Stop { error: Some(0.0112), adaptive: true, ..Stop::default() };
+        // Half of the tiles have ended with these 64 samples: 6400 are done, and 9600 are left.
+        let outlook = Outlook { open: 0.5, ended_spp: 32.0, ..outlook() };
+        let end = Forecast::of_frame(&spec(1 << 20, stop), &outlook, 8.0).unwrap();
+        assert_eq!((end.spp, end.seconds), (256.0, 20.0));
+        assert_eq!(
+            Left::after(&end, outlook.mean_spp(end.spp), &spec(1 << 20, stop), 0, 8.0).samples,
+            16_000.0
+        );
     }
 
     #[test]

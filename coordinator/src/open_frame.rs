@@ -6,7 +6,7 @@
 
 use crate::adaptive::Adaptive;
 use crate::checkpoint::{Checkpoint, Spent};
-use crate::forecast::{self, Cause, Forecast};
+use crate::forecast::{Cause, Forecast};
 use crate::outputs::FinishedFrame;
 use crate::variance::Variance;
 use farm_film::{Counters, ErrorEstimate, Film, FilmTile, FrameIndex, Rgb, SampleBlock, Tile};
@@ -77,12 +77,23 @@ pub struct Outlook {
     pub spp: u64,
     /// Samples over all pixels that came, of later rounds too.
     pub samples: u64,
+    /// Share of the pixels that get more: those of tiles that have not ended on their own.
+    pub open: f64,
+    /// What the others have, in samples over all pixels of the frame per pixel of the frame.
+    pub ended_spp: f64,
     /// When its first unit was begun.
     pub begun: Option<Instant>,
     /// Estimated error of the picture of `spp` samples.
     pub error: Option<ErrorEstimate>,
     /// Slope of log(error) over log(seconds).
     pub slope: Option<f64>,
+}
+
+impl Outlook {
+    /// Samples per pixel, mean over all pixels, once those that get more have `spp`.
+    pub fn mean_spp(&self, spp: f64) -> f64 {
+        self.open * spp + self.ended_spp
+    }
 }
 
 impl OpenFrame {
@@ -183,7 +194,7 @@ impl OpenFrame {
                 "round complete"
             );
         }
-        let is_good = |(target, error): (f64, ErrorEstimate)| forecast::cautious(&error) <= target;
+        let is_good = |(target, error): (f64, ErrorEstimate)| error.cautious() <= target;
         if self.spec.stop.error.zip(self.error).is_some_and(is_good) && spp >= self.spec.stop.spp_min {
             self.end = Some(spp);
         }
@@ -261,9 +272,13 @@ impl OpenFrame {
     pub fn outlook(&self) -> Outlook {
         let held: Counters =
             self.held.values().fold(Counters::default(), |sum, held| sum.plus(held.spent.counters));
+        let area = self.film.resolution().area() as f64;
+        let ended = || self.ended.iter().map(|(tile, spp)| (tile.area() as f64 / area, *spp as f64));
         Outlook {
             spp: self.spp,
             samples: self.total().counters.plus(held).samples,
+            open: 1.0 - ended().map(|(share, _)| share).sum::<f64>(),
+            ended_spp: ended().map(|(share, spp)| share * spp).sum(),
             begun: self.begun,
             error: self.error,
             slope: self.checkpoints.last().and_then(|checkpoint| checkpoint.slope),

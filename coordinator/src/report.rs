@@ -7,7 +7,7 @@ mod table;
 
 pub use folder::Folder;
 
-use crate::forecast::{self, Cause};
+use crate::forecast::Cause;
 use crate::outputs::FrameSummary;
 use crate::progress::{clock, metric};
 use crate::tally::Tally;
@@ -191,7 +191,7 @@ impl RenderReport {
                 ", and not because of its estimated relative mean squared error, which is {:.3e} where {target} was asked for",
                 error.rel_mse
             );
-            if let Some(needed) = forecast::needed(&error, target) {
+            if let Some(needed) = error.predict_cautious(target) {
                 let seconds = needed.spp / frame.spp as f64 * frame.render_s;
                 text +=
                     &format!("; that takes about {:.0} spp, {} at this speed", needed.spp, clock(seconds));

@@ -43,7 +43,7 @@ pub(crate) struct Observed {
     /// `D(n)`, estimated.
     difference: f64,
     /// Variance of that, relative to its square.
-    variance: f64,
+    pub variance: f64,
 }
 
 impl Observed {
@@ -104,9 +104,9 @@ impl Decay {
 
         let observed = levels.iter().flatten();
         let chance = levels[top].map_or(0.0, |level| level.variance);
-        let few = DEVIATION_OF_ONE_LEVEL / observed.count() as f64;
+        let law = variance_of_law(observed.count() as f64);
         // The error of a picture scatters around its variance as the estimate of that does.
-        let deviation = (DEVIATION * DEVIATION + few * few + 2.0 * chance).sqrt();
+        let deviation = (law + 2.0 * chance).sqrt();
         Some(Self { variances, parts, deviation: if last > 0.0 { deviation } else { 0.0 } })
     }
 
@@ -135,6 +135,12 @@ impl Decay {
     pub fn covariance(&self, level: u32) -> f64 {
         2.0 * self.variance(level) - self.variance(level - 1)
     }
+}
+
+/// Variance of the logarithm of a variance that is read off so many levels, because none follows the law exactly.
+pub(crate) fn variance_of_law(levels: f64) -> f64 {
+    let few = DEVIATION_OF_ONE_LEVEL / levels;
+    DEVIATION * DEVIATION + few * few
 }
 
 /// Of blocks that are `2^age` times smaller than those of which the variance is made of `parts`.

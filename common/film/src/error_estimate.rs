@@ -1,6 +1,6 @@
 //! How wrong a picture still is, measured on its own merge tree.
 
-use crate::decay::{Decay, Observed, RATES, completed};
+use crate::decay::{Decay, Observed, RATES, completed, variance_of_law};
 use crate::{Differences, SampleBlock};
 // The estimate decides where frames end: never the platform's functions.
 use libm::{exp, exp2, hypot, log, log2};
@@ -88,9 +88,40 @@ impl ErrorEstimate {
         self.rel_parts.iter().zip(RATES).map(|(part, rate)| part * exp2(-rate * doublings)).sum()
     }
 
+    /// The relative mean squared error that a picture is held to have when it is asked whether it may end: one standard deviation of
+    /// the estimate above it. A picture is asked after every round and ends with the first that will do, so an estimate that is
+    /// too small by chance would be picked out of all; without the margin pictures would be worse on average than they were asked to be.
+    pub fn cautious(&self) -> f64 {
+        self.rel_mse * self.margin()
+    }
+
+    /// The band has two deviations on each side.
+    pub(crate) fn margin(&self) -> f64 {
+        self.rel_mse_band.sqrt()
+    }
+
     /// Samples per pixel after which `rel_mse` will be `target`; fewer than `spp` where it is below already. None for a target that
     /// is not positive and a picture without error.
     pub fn predict(&self, target: f64) -> Option<Prediction> {
+        self.when(target, |doublings| self.rel_mse_at(doublings))
+    }
+
+    /// The same for [`Self::cautious`], which falls faster: what is known of the decay grows with the levels that it is read off. What
+    /// rare samples do to the estimate is taken to stay, as they become known only when they are met.
+    pub fn predict_cautious(&self, target: f64) -> Option<Prediction> {
+        let now = log(self.rel_mse_band) / DEVIATIONS;
+        let levels = log2(self.spp as f64);
+        let of_law = |levels: f64| variance_of_law(levels.max(1.0));
+        let chance = (now * now - of_law(levels)).max(0.0);
+        let margin = |doublings: f64| {
+            let deviation = (of_law(levels + doublings) + chance).sqrt().min(now);
+            exp(0.5 * DEVIATIONS * deviation)
+        };
+        self.when(target, |doublings| self.rel_mse_at(doublings) * margin(doublings))
+    }
+
+    /// When a falling function of the doublings ahead will be `target`.
+    fn when(&self, target: f64, error: impl Fn(f64) -> f64) -> Option<Prediction> {
         if target <= 0.0 || self.rel_mse <= 0.0 {
             return None;
         }
@@ -98,10 +129,11 @@ impl ErrorEstimate {
         let (mut low, mut high) = (-LEVELS, LEVELS);
         while high - low > 1e-6 {
             let middle = 0.5 * (low + high);
-            if self.rel_mse_at(middle) > target { low = middle } else { high = middle }
+            if error(middle) > target { low = middle } else { high = middle }
         }
         let doublings = 0.5 * (low + high);
-        let now = log(self.rel_mse_band);
+        // The estimate then will be as far off as this one, and not in the same direction.
+        let now = std::f64::consts::SQRT_2 * log(self.rel_mse_band);
         let ahead = DEVIATIONS * DEVIATION_PER_DOUBLING * doublings;
         Some(Prediction {
             spp: self.spp as f64 * exp2(doublings),

@@ -45,7 +45,7 @@ enum Metric {
     Mape,
     /// Peak signal to noise ratio in dB
     Psnr,
-    /// Difference as people see it, LDR-FLIP at 67 pixels per degree; in programs built with --features flip
+    /// Difference as people see it, LDR-FLIP at 67 pixels per degree; only in programs built with --features flip, which takes a C++ compiler
     Flip,
 }
 
