@@ -10,8 +10,9 @@ use std::collections::{BTreeMap, BTreeSet};
 const WORTH_IT_IDLE: usize = 4;
 const WORTH_IT_BUSY: usize = 64;
 
-/// Bytes of objects that are merged in one go: they are held in memory, coded and decoded.
-const BYTES_MAX: usize = 128 << 20;
+/// Bytes of objects that are merged in one go: they are held in memory, coded and decoded, and what is to be acknowledged shares
+/// the disk with them.
+const BYTES_MAX: usize = 32 << 20;
 
 /// A partial that is part of no other.
 #[derive(Clone, Copy, Debug)]
