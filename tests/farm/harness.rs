@@ -19,7 +19,14 @@ static PROGRAMS: LazyLock<PathBuf> = LazyLock::new(|| {
         "debug" => "dev",
         other => other,
     };
-    let built = Command::new(env!("CARGO"))
+    let mut build = Command::new(env!("CARGO"));
+    // What cargo tells tests of their package would have crates built again that look at it.
+    for (variable, _) in std::env::vars_os() {
+        if variable.to_string_lossy().starts_with("CARGO_PKG_") || variable == "CARGO_MANIFEST_DIR" {
+            build.env_remove(variable);
+        }
+    }
+    let built = build
         .args([
             "build",
             "--quiet",
