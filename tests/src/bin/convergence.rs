@@ -10,12 +10,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Independent pictures per point unless said otherwise.
-const SEEDS: u64 = 8;
-
-/// The same for a bias, which is far smaller than the noise of one picture.
-const ADAPTIVE_SEEDS: u64 = 64;
-
 /// Error against run time: true and estimated, of the sequence and of independent samples, from 1 sample per pixel on. Exit code 1 if a
 /// goal is missed.
 #[derive(Parser)]
@@ -27,11 +21,12 @@ struct Settings {
     /// Samples per pixel of the last point; a power of two.
     #[arg(long, default_value_t = 256, value_parser = parse_spp)]
     spp_max: u64,
-    /// Independent pictures per point; 8 unless given.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(2..=1000))]
-    seeds: Option<u64>,
-    /// Measures what it gains that tiles end on their own, and its bias, instead; 64 replicates unless --seeds says otherwise.
-    #[arg(long)]
+    /// Independent pictures per point.
+    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u64).range(2..=1000))]
+    seeds: u64,
+    /// Measures frames that end for their error instead, at about a quarter of --spp-max, which is at least 1024 then: how well their
+    /// end is predicted, what it gains that tiles end on their own, and its bias.
+    #[arg(long, conflicts_with = "plot")]
     adaptive: bool,
     /// Threads; as many as the machine has unless given.
     #[arg(long)]
@@ -80,8 +75,7 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
     if settings.adaptive {
         return threads.install(|| try_adaptive(settings, &scenes));
     }
-    let seeds = settings.seeds.unwrap_or(SEEDS);
-    let effort = Effort { resolution: [64, 36], spp_max: settings.spp_max, seeds };
+    let effort = Effort { resolution: [64, 36], spp_max: settings.spp_max, seeds: settings.seeds };
     let filters = [Filter::Box, Filter::Gaussian];
     let all: u64 = filters.iter().map(|filter| effort.samples(*filter) * scenes.len() as u64).sum();
     let bar = progress(all);
@@ -112,17 +106,16 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
 /// Whether the bias is below what every adaptive frame says of itself.
 fn try_adaptive(settings: &Settings, scenes: &[Named]) -> Result<bool, String> {
     let effort = adaptive::Effort {
-        resolution: [64, 40],
-        tile_side: 8,
-        spp_max: settings.spp_max.max(4 * ADAPTIVE_SPP_MIN),
-        seeds: settings.seeds.unwrap_or(ADAPTIVE_SEEDS),
+        resolution: [96, 64],
+        tile_side: 16,
+        spp_max: settings.spp_max.max(16 * ADAPTIVE_SPP_MIN),
+        seeds: settings.seeds,
     };
     let bar = progress(effort.samples() * scenes.len() as u64);
     let mut outcomes = Vec::new();
     for scene in scenes {
         bar.set_message(scene.name);
         let outcome = adaptive::measure(*scene, effort, &|spp| bar.inc(spp))?;
-        bar.suspend(|| println!("{outcome:?}"));
         outcomes.push(outcome);
     }
     bar.finish_and_clear();
