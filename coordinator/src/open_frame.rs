@@ -329,3 +329,7 @@ impl OpenFrame {
         span.unwrap_or(Duration::ZERO)
     }
 }
+
+#[cfg(test)]
+#[path = "open_frame_tests.rs"]
+mod tests;
