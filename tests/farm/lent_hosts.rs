@@ -1,6 +1,6 @@
 //! Workers on hosts that are not theirs alone: bounds of memory and disk, leaving in time, making way for others.
 
-use crate::harness::{Place, Running, joining, joining_on, nice, worker};
+use crate::harness::{Place, Running, joining, joining_on, joining_with, nice, render, run, serving, worker};
 use crate::played_host::PlayedHost;
 use crate::server::Server;
 use std::time::{Duration, Instant};
@@ -121,6 +121,51 @@ fn a_worker_for_idle_hosts_does_not_join_a_busy_one() {
     assert_eq!(server.ask(&["workers"]).json().as_array().unwrap().len(), 0);
     guest.terminate();
     assert!(guest.wait().status.success());
+}
+
+/// One tile, of which a leaf takes a tenth of a second, so that a unit of a second has a middle.
+const DEEP: [&str; 6] = ["--resolution", "48x48", "--spp", "4096", "--tile", "48"];
+
+#[test]
+fn a_worker_whose_time_is_up_hands_back_what_it_has_finished() {
+    let place = Place::new();
+    let (mut coordinator, address) = serving(&place, &DEEP);
+    // Whether a leaf of its unit is finished in time is luck on a busy machine, so others try as well.
+    let part = (0..5).find_map(|number| {
+        let leaver = joining_on(&address, &format!("leaver-{number}"), &["--grace", "700ms"]);
+        let known = accepted(&coordinator.stderr()).len();
+        coordinator.wait_for("units of several leaves", |said| {
+            accepted(said)[known..].iter().any(|(start, end)| end - start >= 64).then_some(())
+        });
+        leaver.terminate();
+        let told = Instant::now();
+        let said = leaver.wait();
+        assert!(said.status.success(), "{}", said.stderr);
+        assert!(told.elapsed() < Duration::from_secs(10), "{:?}", told.elapsed());
+        block(said.stderr.split_once("finished=")?.1)
+    });
+    let part = part.expect("somebody leaves in the middle of a unit");
+    let _heir = joining_with(&address, "heir", &["--threads", "2"]);
+    let said = coordinator.wait();
+    assert_eq!(said.digest(), run(render(&place, "alone.exr", &DEEP)).digest());
+    let mut taken = accepted(&said.stderr);
+    assert!(taken.contains(&part), "{part:?} is among what was accepted: {taken:?}");
+    taken.sort_unstable();
+    let ends = std::iter::once(0).chain(taken.iter().map(|block| block.1));
+    assert!(ends.zip(&taken).all(|(end, block)| end == block.0), "each sample once: {taken:?}");
+}
+
+/// The samples of the units that were accepted.
+fn accepted(log: &str) -> Vec<(u64, u64)> {
+    let lines = log.lines().filter(|line| line.contains("unit accepted"));
+    lines.filter_map(|line| block(line.split_once("samples ")?.1)).collect()
+}
+
+/// A block at the beginning of a text: `32..64`.
+fn block(text: &str) -> Option<(u64, u64)> {
+    let (start, rest) = text.split_once("..")?;
+    let end = rest.split(|letter: char| !letter.is_ascii_digit()).next()?;
+    Some((start.parse().ok()?, end.parse().ok()?))
 }
 
 #[test]

@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc::UnboundedSender;
-use tracing::debug;
+use tracing::{debug, info};
 
 /// A frame that is ready to trace, and what its partials say of themselves.
 pub struct ReadyFrame {
@@ -180,6 +180,9 @@ fn render_unit(assignment: &Assignment) -> Option<UnitResult> {
     let finished = render_leaves(&frame.prepared, &grant.unit, stop);
     let whole = finished.first().is_some_and(|node| node.tile.block() == grant.unit.block);
     let rendered = finished.into_iter().next().filter(|_| whole || stop.is_hand_back())?;
+    if !whole {
+        info!(unit = %grant.unit, finished = %rendered.tile.block(), "time is up; what is finished of a unit is handed back");
+    }
     let header = PartialHeader { counters: rendered.counters, ..frame.header.clone() };
     let partial_exr = Bytes::from(encode_partial(&rendered.tile, &header));
     Some(UnitResult {
