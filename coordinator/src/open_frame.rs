@@ -141,7 +141,8 @@ impl OpenFrame {
         mut at: Option<Instant>,
     ) -> Result<(), String> {
         let (tile, block) = (partial.tile(), partial.block());
-        if self.film.holds(tile, block) {
+        // What comes after its tile has ended is no part of the picture, and does not count.
+        if self.film.holds(tile, block) || self.ended.get(&tile).is_some_and(|end| block.start() >= *end) {
             return Ok(());
         }
         let same_tile = self.held.range((tile, 0)..=(tile, u64::MAX));

@@ -82,3 +82,14 @@ fn an_estimate_that_may_be_low_by_chance_does_not_end_a_frame() {
     assert!(before.iter().all(|(_, error, ends)| !ends && error.cautious() > target));
     assert!(before.iter().any(|(spp, error, _)| *spp == 128 && error.rel_mse <= target));
 }
+
+#[test]
+fn what_comes_after_its_tile_has_ended_is_not_counted() {
+    let mut frame = OpenFrame::new(&spec(1e-3)).unwrap();
+    let blocks = [0..16, 16..32].map(|range| SampleBlock::new(range).unwrap());
+    let counters = |block: SampleBlock| Counters { samples: block.samples(), ..Counters::default() };
+    frame.restore(partial(blocks[0]), counters(blocks[0])).unwrap();
+    frame.ended.insert(partial(blocks[0]).tile(), 16);
+    frame.restore(partial(blocks[1]), counters(blocks[1])).unwrap();
+    assert_eq!(frame.outlook().samples, 16);
+}
