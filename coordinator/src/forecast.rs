@@ -127,14 +127,15 @@ fn round_up(spec: &JobSpec, spp: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use farm_film::ErrorEstimate;
     use farm_job::{FrameRange, Stop};
     use farm_scene::{Filter, Integrator, SceneId, Settings};
     use std::time::Duration;
 
-    fn spec(spp: u64, stop: Stop) -> JobSpec {
+    /// A job of 10 x 10 pixels in one tile.
+    pub(crate) fn spec(spp: u64, stop: Stop) -> JobSpec {
         let settings = Settings {
             camera: 0,
             width: 10,

@@ -2,34 +2,14 @@
 
 use super::*;
 use farm_film::{Differences, LeafSum, Resolution};
-use farm_job::{FrameRange, Stop};
-use farm_scene::{Filter, Integrator, SceneId, Settings};
+use farm_job::Stop;
 
 const SIDE: u32 = 16;
 
 fn spec(error: f64) -> JobSpec {
-    let settings = Settings {
-        camera: 0,
-        width: SIDE,
-        height: SIDE,
-        integrator: Integrator::Path,
-        filter: Filter::Box,
-        max_depth: 4,
-        seed: 0,
-        fps: 24.0,
-        clamp: None,
-    };
-    JobSpec {
-        name: String::new(),
-        scene: SceneId([0; 32]),
-        settings,
-        frames: FrameRange::single(0),
-        spp: 512,
-        stop: Stop { error: Some(error), ..Stop::default() },
-        variance: false,
-        tile_side: SIDE,
-        priority: 0,
-    }
+    let mut spec = crate::forecast::tests::spec(512, Stop { error: Some(error), ..Stop::default() });
+    (spec.settings.width, spec.settings.height, spec.tile_side) = (SIDE, SIDE, SIDE);
+    spec
 }
 
 /// Independent samples around 1.

@@ -68,11 +68,7 @@ fn whoever_renders_it_adaptive_pictures_have_the_same_bits() {
 fn a_coordinator_that_is_killed_decides_the_same_again() {
     let place = Place::new();
     alone(&place, &[]);
-    let start = |listen: &str| {
-        let mut command = Server::command(listen, place.path("store").to_str().unwrap());
-        command.env("FARM_LOG", "info,farm_coordinator=debug");
-        Server::from_command(command)
-    };
+    let start = |listen: &str| Server::start_telling(&place, listen);
     let mut server = start("127.0.0.1:0");
     let address = server.address.clone();
     let job = server.submit(&place, &PICTURE);

@@ -15,11 +15,7 @@ const SMALLEST_UNIT: u64 = 16 * 16 * 16;
 #[test]
 fn a_coordinator_killed_ten_times_in_one_frame_goes_on_where_it_was() {
     let place = Place::new();
-    let start = |listen: &str| {
-        let mut command = Server::command(listen, place.path("store").to_str().unwrap());
-        command.env("FARM_LOG", "info,farm_coordinator=debug");
-        Server::from_command(command)
-    };
+    let start = |listen: &str| Server::start_telling(&place, listen);
     let mut server = start("127.0.0.1:0");
     let address = server.address.clone();
     let job = server.submit(&place, &PICTURE);

@@ -34,6 +34,13 @@ impl Server {
         Self::from_command(Self::command(listen, place.path("store").to_str().unwrap()))
     }
 
+    /// The same, and its log tells of each unit and decision.
+    pub fn start_telling(place: &Place, listen: &str) -> Self {
+        let mut command = Self::command(listen, place.path("store").to_str().unwrap());
+        command.env("FARM_LOG", "info,farm_coordinator=debug");
+        Self::from_command(command)
+    }
+
     /// `coordinator serve`, for further flags and settings.
     pub fn command(listen: &str, store: &str) -> Command {
         let mut command = coordinator();
