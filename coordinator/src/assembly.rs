@@ -42,8 +42,8 @@ pub struct Claimed {
 pub enum Task {
     /// A job will send partials.
     Open(JobId, Arc<JobSpec>, Outputs),
-    /// Partials that were safe before a restart.
-    Restore(JobId, FrameIndex, Vec<(FilmTile, Counters)>),
+    /// Partials that were safe before a restart, and when their frame was begun if that is known.
+    Restore(JobId, FrameIndex, Vec<(FilmTile, Counters)>, Option<Instant>),
     /// Merge a partial, which is durable where there is a store.
     Add(Box<Claimed>),
     /// Every tile of a frame has so many samples per pixel.
@@ -243,7 +243,7 @@ impl Assembly {
                     // It is still open when a frame of it is rendered again.
                     self.jobs.entry(job).or_insert_with(|| Job { spec, outputs, frames: BTreeMap::new() });
                 }
-                Task::Restore(job, frame, partials) => self.restore(job, frame, partials),
+                Task::Restore(job, frame, partials, begun) => self.restore(job, frame, partials, begun),
                 Task::Add(claimed) => self.add(*claimed),
                 Task::Round(job, frame, spp) => self.round(job, frame, spp),
                 Task::Finish(job, frame, spp) => self.finish(job, frame, spp),
@@ -275,13 +275,20 @@ impl Assembly {
         let _ = self.reports.send(report);
     }
 
-    fn restore(&mut self, job: JobId, frame: FrameIndex, partials: Vec<(FilmTile, Counters)>) {
+    fn restore(
+        &mut self,
+        job: JobId,
+        frame: FrameIndex,
+        partials: Vec<(FilmTile, Counters)>,
+        begun: Option<Instant>,
+    ) {
         let Some(job) = self.jobs.get_mut(&job) else { return };
         let Ok(mut open) = OpenFrame::new(&job.spec) else { return };
         for (tile, counters) in partials {
             // Whoever restored them has looked whether they fit; what overlaps is there already.
             let _ = open.restore(tile, counters);
         }
+        begun.into_iter().for_each(|begun| open.begin(begun));
         job.frames.insert(frame, open);
     }
 

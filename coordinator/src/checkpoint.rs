@@ -4,7 +4,7 @@ use crate::forecast::Forecast;
 use farm_film::{Counters, ErrorEstimate};
 use farm_image::Comparison;
 use serde::Serialize;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Checkpoints that a slope is taken over.
 const SLOPE_OVER: usize = 4;
@@ -21,6 +21,11 @@ pub struct Spent {
 }
 
 impl Spent {
+    /// When what was delivered `at` this moment was begun.
+    pub fn begun(self, at: Instant) -> Instant {
+        at.checked_sub(self.busy).unwrap_or(at)
+    }
+
     /// Sums of both.
     pub fn plus(self, other: Self) -> Self {
         Self {

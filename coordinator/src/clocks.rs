@@ -19,10 +19,12 @@ struct Clock {
 }
 
 impl Clocks {
-    /// A frame is to end at `due`, or earlier if that was said before.
-    pub fn set(&mut self, job: JobId, frame: FrameIndex, due: Instant) {
+    /// A frame is to end at `due`, or earlier if that was said before. Whether it was not.
+    pub fn set(&mut self, job: JobId, frame: FrameIndex, due: Instant) -> bool {
         let clock = self.frames.entry((job, frame)).or_default();
-        clock.due = Some(clock.due.map_or(due, |before| before.min(due)));
+        let former = clock.due;
+        clock.due = Some(former.map_or(due, |before| before.min(due)));
+        former.is_none()
     }
 
     /// Every tile of a frame has `[0, spp)`.
@@ -70,8 +72,8 @@ mod tests {
         let (job, frame, start) = (JobId(1), FrameIndex(3), Instant::now());
         let at = |seconds| start + Duration::from_secs(seconds);
         let mut clocks = Clocks::default();
-        clocks.set(job, frame, at(20));
-        clocks.set(job, frame, at(10));
+        assert!(clocks.set(job, frame, at(20)));
+        assert!(!clocks.set(job, frame, at(10)));
         assert_eq!(clocks.next(), None, "nothing is complete");
         assert!(clocks.take_due(at(11)).is_empty());
         clocks.round(job, frame, 16);

@@ -17,7 +17,7 @@ use farm_proto::convert::{FromWorker, Grant, Heartbeat, Hello, ToWorker};
 use farm_scheduler::{Action, Config, Delivery, Event, Scheduler, Timestamp, Verdict, WhyDisconnect};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant as Moment, SystemTime};
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::Instant;
 use tracing::{debug, error, info, warn};
@@ -27,6 +27,11 @@ const INPUTS_MAX: usize = 1024;
 
 /// Pause before what has become of a job is put again into a store that failed.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
+
+/// When a frame that was begun at a moment is to end, if its job says so: early enough to be written by then.
+fn due(spec: &JobSpec, begun: Moment) -> Option<Moment> {
+    Some(begun + spec.stop.time?.saturating_sub(outputs::writing(spec)))
+}
 
 /// Starts the farm. It ends when the last handle is dropped. With a store, nothing is acknowledged that is not durable.
 /// `verify`: part of the units that two workers render, to compare.
@@ -289,7 +294,16 @@ impl Driver {
     }
 
     async fn submit(&mut self, submission: Submission) {
-        let Submission { job, spec, outputs, listener, finished, durable, stored, origins } = submission;
+        let Submission { job, spec, outputs, listener, finished, durable, stored, origins, begun } =
+            submission;
+        let ago = |begun: &SystemTime| Moment::now().checked_sub(begun.elapsed().unwrap_or_default());
+        let begun: BTreeMap<FrameIndex, Moment> =
+            begun.iter().filter_map(|(frame, begun)| Some((*frame, ago(begun)?))).collect();
+        for (frame, begun) in &begun {
+            if let Some(due) = due(&spec, *begun) {
+                self.clocks.set(job, *frame, due);
+            }
+        }
         let known = Job {
             spec: spec.clone(),
             tally: Tally::default(),
@@ -312,7 +326,8 @@ impl Driver {
                 tile: tile.tile(),
                 block: tile.block(),
             }));
-            let _ = self.assembly.send(Task::Restore(job, frame, partials)).await;
+            let begun = begun.get(&frame).copied();
+            let _ = self.assembly.send(Task::Restore(job, frame, partials, begun)).await;
         }
         let spec = Box::new((*spec).clone());
         self.handle(Event::JobSubmitted { job, spec, finished, durable: units, origins });
@@ -409,15 +424,27 @@ impl Driver {
         });
     }
 
+    /// Keeps when a frame was begun that ends at a time.
+    fn record_begun(&self, job: JobId, frame: FrameIndex, begun: Moment) {
+        let Some(store) = self.store.clone() else { return };
+        let begun = SystemTime::now() - begun.elapsed();
+        tokio::spawn(async move {
+            if let Err(error) = store.put_begun(job, frame, begun).await {
+                warn!(%job, %frame, %error, "it cannot be kept when the frame was begun: after a restart its time would begin anew");
+            }
+        });
+    }
+
     fn report(&mut self, report: Report) {
         match report {
             Report::Added { delivery, spent, arrived } => {
                 if let Some(job) = self.jobs.get_mut(&delivery.job) {
                     job.tally.add(delivery.worker, spent, arrived);
-                    if let Some(time) = job.spec.stop.time {
-                        let begun = arrived.checked_sub(spent.busy).unwrap_or(arrived);
-                        let due = begun + time.saturating_sub(outputs::writing(&job.spec));
-                        self.clocks.set(delivery.job, delivery.unit.frame, due);
+                    let (begun, frame) = (spent.begun(arrived), delivery.unit.frame);
+                    if let Some(due) = due(&job.spec, begun)
+                        && self.clocks.set(delivery.job, frame, due)
+                    {
+                        self.record_begun(delivery.job, frame, begun);
                     }
                 }
                 debug!(worker = %delivery.worker, lease = %delivery.lease, unit = %delivery.unit, "unit accepted");

@@ -16,7 +16,7 @@ use farm_scene::SceneId;
 use farm_scheduler::{Origin, Reputation, Status};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 use tokio::sync::{mpsc, oneshot};
 
 /// What the driver is told.
@@ -76,13 +76,16 @@ pub struct Submission {
     pub stored: Vec<(FrameIndex, Vec<Holding>)>,
     /// Who delivered what of it, where that was kept.
     pub origins: Vec<Origin>,
+    /// When its frames that are not finished were begun, where that was kept.
+    pub begun: BTreeMap<FrameIndex, SystemTime>,
 }
 
 impl Submission {
     /// A new job, of whose events nobody hears.
     pub fn new(job: JobId, spec: JobSpec, outputs: Outputs) -> Self {
         let (finished, durable, stored, origins) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-        Self { job, spec, outputs, listener: None, finished, durable, stored, origins }
+        let begun = BTreeMap::new();
+        Self { job, spec, outputs, listener: None, finished, durable, stored, origins, begun }
     }
 }
 

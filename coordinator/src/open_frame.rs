@@ -124,9 +124,13 @@ impl OpenFrame {
         let Arrival { worker, spent, at } = arrival;
         self.hold(partial, spent, Some(at))?;
         self.workers.insert(worker);
-        let begun = at.checked_sub(spent.busy).unwrap_or(at);
-        self.begun = Some(self.begun.map_or(begun, |first| first.min(begun)));
+        self.begin(spent.begun(at));
         Ok(())
+    }
+
+    /// Something of the frame was begun then.
+    pub fn begin(&mut self, at: Instant) {
+        self.begun = Some(self.begun.map_or(at, |first| first.min(at)));
     }
 
     /// Takes a partial from before a restart.

@@ -142,8 +142,10 @@ async fn submission(store: &Store, record: &StoredJob) -> Result<Submission, Sto
         durable.push((frame, partials.collect()));
     }
     let outputs = Outputs::Store { scene_name: spec.name.clone() };
+    let mut begun = store.begun(job).await?;
+    begun.retain(|frame, _| !finished.contains(frame));
     let finished = finished.into_iter().collect();
-    Ok(Submission { job, spec, outputs, listener: None, finished, durable, stored, origins })
+    Ok(Submission { job, spec, outputs, listener: None, finished, durable, stored, origins, begun })
 }
 
 /// Who delivered what of a job. What is still there from workers whose results were wrong goes first: the former life ended in

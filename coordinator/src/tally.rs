@@ -20,7 +20,7 @@ pub struct Tally {
 impl Tally {
     /// A unit was accepted that came at `arrived`.
     pub fn add(&mut self, worker: WorkerId, spent: Spent, arrived: Instant) {
-        let begun = arrived.checked_sub(spent.busy).unwrap_or(arrived);
+        let begun = spent.begun(arrived);
         let (first, last) = self.span.unwrap_or((begun, arrived));
         self.span = Some((first.min(begun), last.max(arrived)));
         self.spent = self.spent.plus(spent);

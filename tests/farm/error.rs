@@ -123,6 +123,31 @@ fn a_frame_ends_at_its_time_with_the_bits_of_its_samples() {
 }
 
 #[test]
+fn the_time_of_a_frame_goes_on_while_its_coordinator_is_dead() {
+    let place = Place::new();
+    let mut server = Server::start(&place, "127.0.0.1:0");
+    let (address, mut flags) = (server.address.clone(), PICTURE.to_vec());
+    flags.extend(["--time", "8s"]);
+    let job = server.submit(&place, &flags);
+    let _worker = joining(&address, "one");
+    let begun = Instant::now();
+    std::thread::sleep(Duration::from_secs(4));
+    assert!(server.samples_done(&job) > 0);
+    server.running.kill();
+    server = Server::start(&place, &address);
+    server.wait_until(&job, "the end", |status| status["state"] == "done");
+    let took = begun.elapsed();
+    // Begun anew, it would take twelve.
+    assert!(took < Duration::from_secs(11), "{took:?}");
+    let fetched = place.path("fetched.exr");
+    server.ask(&["fetch", &job, "-o", fetched.to_str().unwrap()]).json();
+    let metadata = read_image(&fetched).unwrap().metadata.unwrap();
+    assert_eq!(metadata.extra["ended"], "time");
+    let seconds = metadata.seconds;
+    assert!((6.5..8.5).contains(&seconds), "from its first unit in the first life: {seconds}");
+}
+
+#[test]
 fn a_report_tells_how_the_error_fell() {
     let place = Place::new();
     let mut reference = coordinator();

@@ -2,7 +2,11 @@
 
 use crate::Image;
 
-/// Mean LDR-FLIP of the pictures, which must have one resolution, as sRGB clamped to [0, 1], at 67 pixels per degree; none when
+/// Where the authors' own evaluator sees a picture from unless told otherwise: metres to the display, its pixels and its metres across.
+#[cfg(feature = "flip")]
+const DISPLAY: (f32, f32, f32) = (0.7, 3840.0, 0.7);
+
+/// Mean LDR-FLIP of the pictures, which must have one resolution, as sRGB clamped to [0, 1], at 67.02 pixels per degree; none when
 /// this crate was built without it.
 #[cfg(feature = "flip")]
 pub fn flip(picture: &Image, reference: &Image) -> Option<f64> {
@@ -11,7 +15,9 @@ pub fn flip(picture: &Image, reference: &Image) -> Option<f64> {
             image.pixels.iter().flatten().map(|&value| crate::preview::srgb_byte(value)).collect();
         nv_flip::FlipImageRgb8::with_data(image.resolution.width(), image.resolution.height(), &bytes)
     };
-    let map = nv_flip::flip(prepared(reference), prepared(picture), nv_flip::DEFAULT_PIXELS_PER_DEGREE);
+    let (distance, pixels, width) = DISPLAY;
+    let density = nv_flip::pixels_per_degree(distance, pixels, width);
+    let map = nv_flip::flip(prepared(reference), prepared(picture), density);
     let values = map.to_vec();
     Some(values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64)
 }

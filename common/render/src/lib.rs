@@ -22,5 +22,6 @@ mod unit;
 pub use prepared::{PrepareError, PreparedScene, Report, Usage};
 pub use unit::{Rendered, render, render_sample};
 
-/// Names everything that decides a pixel's bits: results of different fingerprints are never mixed.
-pub const FINGERPRINT: &str = concat!("tessera-", env!("CARGO_PKG_VERSION"), "-math1");
+/// Names everything that decides the bits of a result, of its pixels and of what they say of their error: results of different
+/// fingerprints are never mixed.
+pub const FINGERPRINT: &str = concat!("tessera-", env!("CARGO_PKG_VERSION"), "-math2");

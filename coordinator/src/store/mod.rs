@@ -21,6 +21,7 @@
 //! others; its states sort before those of the next turn.
 
 mod batch;
+mod clocks;
 mod jobs;
 mod location;
 mod merging;
