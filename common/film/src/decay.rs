@@ -26,8 +26,14 @@ const WINDOW: usize = 8;
 /// Relative deviation of a difference from a smooth law: nets are better at some powers of two than at others.
 const RIPPLE: f64 = 0.3;
 
-/// Relative deviation that each level has gathered more than the one after it, because the law holds roughly only.
-const AGEING: f64 = 0.1;
+/// Relative deviation that each level of squared errors has gathered more than the one after it, because the law holds roughly only.
+pub(crate) const AGEING_SQUARED: f64 = 0.1;
+
+/// The same of relative errors: what they are divided by is known the worse the fewer samples a block has.
+pub(crate) const AGEING_RELATIVE: f64 = 0.3;
+
+/// Rounds in which deviations are taken relative to what was fitted in the last one.
+const ROUNDS: usize = 6;
 
 /// Relative deviation of differences that are taken over from another measure of the same pairs.
 const LIKENESS: f64 = 0.3;
@@ -87,11 +93,11 @@ pub(crate) struct Decay {
 }
 
 impl Decay {
-    /// From differences of blocks of 2, 4, 8 .. samples. None without any.
-    pub fn new(levels: &[Option<Observed>]) -> Option<Self> {
+    /// From differences of blocks of 2, 4, 8 .. samples, of which each is so much less certain than the next. None without any.
+    pub fn new(levels: &[Option<Observed>], ageing: f64) -> Option<Self> {
         let top = levels.iter().rposition(Option::is_some)?;
         let levels = &levels[..=top];
-        let parts = fit(levels);
+        let parts = fit(levels, ageing);
         let last = parts.iter().sum();
 
         // From the last variance up to that of single samples. A level that nobody observed lies on the curve.
@@ -148,23 +154,42 @@ fn difference(parts: &[f64; 3], age: f64) -> f64 {
     RATES.iter().zip(parts).map(|(rate, part)| part * (exp2(*rate) - 1.0) * exp2(rate * age)).sum()
 }
 
-/// The parts of the variance at the last level: least squares of relative deviations, over parts that are not negative.
-fn fit(levels: &[Option<Observed>]) -> [f64; 3] {
-    let mut rows = Vec::new();
-    for (age, level) in levels.iter().rev().take(WINDOW).enumerate() {
-        let age = age as f64;
-        let Some(level) = level.filter(|level| level.difference > 0.0) else { continue };
-        let old = AGEING * age;
-        let deviation = (level.variance + RIPPLE * RIPPLE + old * old).sqrt();
-        let of_one = |rate: f64| (exp2(rate) - 1.0) * exp2(rate * age) / level.difference / deviation;
-        rows.push((RATES.map(of_one), 1.0 / deviation));
+/// The parts of the variance at the last level: least squares of relative deviations, over parts that are not negative. Relative to
+/// what is fitted: relative to what was observed, the smallest difference would decide.
+fn fit(levels: &[Option<Observed>], ageing: f64) -> [f64; 3] {
+    let observed: Vec<_> = levels
+        .iter()
+        .rev()
+        .take(WINDOW)
+        .enumerate()
+        .filter_map(|(age, level)| Some((age as f64, level.filter(|level| level.difference > 0.0)?)))
+        .collect();
+    let mut expected: Vec<f64> = observed.iter().map(|(_, level)| level.difference).collect();
+    let mut parts = [0.0; 3];
+    for _ in 0..ROUNDS {
+        let row = |((age, level), expected): (&(f64, Observed), &f64)| {
+            let old = ageing * age;
+            let deviation = expected * (level.variance + RIPPLE * RIPPLE + old * old).sqrt();
+            let of_one = |rate: f64| (exp2(rate) - 1.0) * exp2(rate * age) / deviation;
+            (RATES.map(of_one), level.difference / deviation)
+        };
+        parts = best_parts(&observed.iter().zip(&expected).map(row).collect::<Vec<_>>());
+        for (expected, (age, _)) in expected.iter_mut().zip(&observed) {
+            *expected = difference(&parts, *age);
+        }
     }
-    // Few enough parts to try all choices of those that are not zero; the first wins a tie: chance alone, then
-    // neighbouring powers.
+    parts
+}
+
+/// Few enough parts to try all choices of those that are not zero; the first wins a tie: chance alone, then neighbouring powers.
+fn best_parts(rows: &[([f64; 3], f64)]) -> [f64; 3] {
     let choices: [&[usize]; 7] = [&[0], &[1], &[2], &[0, 1], &[1, 2], &[0, 2], &[0, 1, 2]];
     let mut best = (f64::INFINITY, [0.0; 3]);
-    for parts in choices.iter().filter_map(|chosen| least_squares(&rows, chosen)) {
-        let residual = |(row, target): &([f64; 3], f64)| (dot(row, &parts) - target).powi(2);
+    for parts in choices.iter().filter_map(|chosen| least_squares(rows, chosen)) {
+        let residual = |(row, target): &([f64; 3], f64)| {
+            let off = dot(row, &parts) - target;
+            off * off
+        };
         let sum: f64 = rows.iter().map(residual).sum();
         if sum < best.0 * (1.0 - 1e-9) - 1e-12 || best.0.is_infinite() {
             best = (sum, parts);

@@ -1,6 +1,6 @@
 //! How wrong a picture still is, measured on its own merge tree.
 
-use crate::decay::{Decay, Observed, RATES, completed, variance_of_law};
+use crate::decay::{AGEING_RELATIVE, AGEING_SQUARED, Decay, Observed, RATES, completed, variance_of_law};
 use crate::{Differences, SampleBlock};
 // The estimate decides where frames end: never the platform's functions.
 use libm::{exp, exp2, hypot, log, log2};
@@ -165,7 +165,10 @@ impl Decays {
             })
             .unzip();
         completed(&mut relative, &squared);
-        Some(Self { squared: Decay::new(&squared)?, relative: Decay::new(&relative)? })
+        Some(Self {
+            squared: Decay::new(&squared, AGEING_SQUARED)?,
+            relative: Decay::new(&relative, AGEING_RELATIVE)?,
+        })
     }
 
     /// The error of the mean over the disjoint `blocks`.

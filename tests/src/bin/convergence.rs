@@ -75,10 +75,9 @@ fn try_main(settings: &Settings) -> Result<bool, String> {
     if settings.adaptive {
         return threads.install(|| try_adaptive(settings, &scenes));
     }
-    let effort = Effort { resolution: [64, 36], spp_max: settings.spp_max, seeds: settings.seeds };
+    let effort = Effort { resolution: [128, 72], spp_max: settings.spp_max, seeds: settings.seeds };
     let filters = [Filter::Box, Filter::Gaussian];
-    let all: u64 = filters.iter().map(|filter| effort.samples(*filter) * scenes.len() as u64).sum();
-    let bar = progress(all);
+    let bar = progress(effort.samples() * (filters.len() * scenes.len()) as u64);
     let mut outcomes = Vec::new();
     for (scene, filter) in scenes.iter().flat_map(|scene| filters.map(|filter| (*scene, filter))) {
         bar.set_message(scene.name);

@@ -38,14 +38,13 @@ impl Effort {
     }
 
     /// Samples per pixel of a scene through one filter, over everything that is rendered.
-    pub fn samples(self, filter: Filter) -> u64 {
+    pub fn samples(self) -> u64 {
         // Up to the leaf every number of samples is a picture of its own: 1 + 2 + 4 + 8 more.
-        let study = self.seeds * (self.spp_max + 15);
-        REFERENCES * self.reference_spp() + if filter == Filter::Box { 2 * study } else { study }
+        REFERENCES * self.reference_spp() + 2 * self.seeds * (self.spp_max + 15)
     }
 }
 
-/// Measures a scene through a filter; through the box filter, against independent samples as well. `done` hears of samples per pixel.
+/// Measures a scene through a filter, against independent samples as well. `done` hears of samples per pixel.
 pub fn measure(
     named: Named,
     filter: Filter,
@@ -55,12 +54,8 @@ pub fn measure(
     let scene = Stage::new(named)?.prepare(effort.resolution, filter)?;
     let reference = Reference::new(&scene, REFERENCES, effort.reference_spp(), done);
     let sobol = replicates(&scene, effort.seeds, effort.spp_max, done);
-    let independent = if filter == Filter::Box {
-        let scene = scene.with_sequence(Sequence::Independent);
-        replicates(&scene, effort.seeds, effort.spp_max, done)
-    } else {
-        Vec::new()
-    };
+    let scene = scene.with_sequence(Sequence::Independent);
+    let independent = replicates(&scene, effort.seeds, effort.spp_max, done);
     Ok(Outcome::new(named.name, filter, &reference, &sobol, &independent))
 }
 

@@ -88,7 +88,7 @@ pub fn filter_name(filter: Filter) -> &'static str {
 }
 
 impl Outcome {
-    /// Sums up replicates of the sequence, and of independent samples where there are any.
+    /// Sums up replicates of the sequence, and of independent samples.
     pub fn new(
         scene: &'static str,
         filter: Filter,
@@ -122,6 +122,15 @@ impl Outcome {
                 && point.spp >= RATIO_FROM
             {
                 misses.push(format!("{}: estimated over true error is {:.2}", place(point), ratio.median));
+            }
+            if let Some(ratio) = point.rel_ratio.filter(|ratio| !RATIO.contains(&ratio.median))
+                && point.spp >= RATIO_FROM
+            {
+                misses.push(format!(
+                    "{}: roots of relative errors, estimated over true, are {:.2}",
+                    place(point),
+                    ratio.median
+                ));
             }
             if let Some(independent) = point.independent.filter(|other| other.median < point.rmse.median)
                 && point.spp >= SEQUENCE_FROM

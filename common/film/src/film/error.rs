@@ -212,12 +212,12 @@ mod tests {
         let (film, _) = film(&law, 8);
         let levels = film.error_levels();
         let prediction = levels[2].predict(levels[4].rel_mse).unwrap();
-        assert!((prediction.spp / 256.0 - 1.0).abs() < 0.1, "{prediction:?}");
+        assert!((prediction.spp / 256.0 - 1.0).abs() < 0.12, "{prediction:?}");
         assert!(prediction.band < 1.8, "{prediction:?}");
         assert_eq!(levels[2].predict(0.0), None);
         // And that of the error with its margin, which is smaller once more levels are known.
         let prediction = levels[2].predict_cautious(levels[4].cautious()).unwrap();
-        assert!((prediction.spp / 256.0 - 1.0).abs() < 0.1, "{prediction:?}");
+        assert!((prediction.spp / 256.0 - 1.0).abs() < 0.12, "{prediction:?}");
         let margin = |level: usize| levels[level].cautious() / levels[level].rel_mse;
         assert!(margin(4) < 0.97 * margin(2));
     }
