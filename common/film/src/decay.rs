@@ -103,7 +103,8 @@ impl Decay {
         // From the last variance up to that of single samples. A level that nobody observed lies on the curve.
         let mut variances = vec![last];
         for (age, level) in levels.iter().rev().enumerate() {
-            let difference = level.map_or_else(|| difference(&parts, age as f64), |level| level.difference);
+            let difference =
+                level.map_or_else(|| dot(&differences(age as f64), &parts), |level| level.difference);
             variances.push(variances[age] + difference);
         }
         variances.reverse();
@@ -149,36 +150,31 @@ pub(crate) fn variance_of_law(levels: f64) -> f64 {
     DEVIATION * DEVIATION + few * few
 }
 
-/// Of blocks that are `2^age` times smaller than those of which the variance is made of `parts`.
-fn difference(parts: &[f64; 3], age: f64) -> f64 {
-    RATES.iter().zip(parts).map(|(rate, part)| part * (exp2(*rate) - 1.0) * exp2(rate * age)).sum()
+/// What parts of 1 of a variance give to the difference of blocks that are `2^age` times smaller.
+fn differences(age: f64) -> [f64; 3] {
+    RATES.map(|rate| (exp2(rate) - 1.0) * exp2(rate * age))
 }
 
 /// The parts of the variance at the last level: least squares of relative deviations, over parts that are not negative. Relative to
 /// what is fitted: relative to what was observed, the smallest difference would decide.
 fn fit(levels: &[Option<Observed>], ageing: f64) -> [f64; 3] {
-    let observed: Vec<_> = levels
-        .iter()
-        .rev()
-        .take(WINDOW)
-        .enumerate()
-        .filter_map(|(age, level)| Some((age as f64, level.filter(|level| level.difference > 0.0)?)))
-        .collect();
-    let mut expected: Vec<f64> = observed.iter().map(|(_, level)| level.difference).collect();
-    let mut parts = [0.0; 3];
-    for _ in 0..ROUNDS {
-        let row = |((age, level), expected): (&(f64, Observed), &f64)| {
-            let old = ageing * age;
-            let deviation = expected * (level.variance + RIPPLE * RIPPLE + old * old).sqrt();
-            let of_one = |rate: f64| (exp2(rate) - 1.0) * exp2(rate * age) / deviation;
-            (RATES.map(of_one), level.difference / deviation)
-        };
-        parts = best_parts(&observed.iter().zip(&expected).map(row).collect::<Vec<_>>());
-        for (expected, (age, _)) in expected.iter_mut().zip(&observed) {
-            *expected = difference(&parts, *age);
-        }
+    // Of each level what parts of 1 would give, what was seen, and its relative deviation.
+    let mut observed = Vec::new();
+    for (age, level) in levels.iter().rev().take(WINDOW).enumerate() {
+        let Some(level) = level.filter(|level| level.difference > 0.0) else { continue };
+        let age = age as f64;
+        let deviation = (level.variance + RIPPLE * RIPPLE + ageing * ageing * age * age).sqrt();
+        observed.push((differences(age), level.difference, deviation));
     }
-    parts
+    let mut parts = None;
+    for _ in 0..ROUNDS {
+        let row = |(of_one, seen, deviation): &([f64; 3], f64, f64)| {
+            let unit = deviation * parts.map_or(*seen, |parts| dot(of_one, &parts));
+            (of_one.map(|part| part / unit), seen / unit)
+        };
+        parts = Some(best_parts(&observed.iter().map(row).collect::<Vec<_>>()));
+    }
+    parts.unwrap_or_default()
 }
 
 /// Few enough parts to try all choices of those that are not zero; the first wins a tie: chance alone, then neighbouring powers.
