@@ -188,7 +188,7 @@ pub(crate) mod tests {
         let end = |spp, stop| Forecast::of_frame(&spec(spp, stop), &outlook(), 8.0).unwrap();
         let all = end(256, Stop::default());
         assert_eq!((all.cause, all.seconds), (Cause::Samples, 32.0));
-        let error = Stop { error: Some(0.0112), ..Stop::default() };
+        let error = Stop { error: Some(0.0129), ..Stop::default() };
         let good = end(1 << 20, error);
         assert_eq!((good.cause, good.seconds, good.spp), (Cause::Error, 32.0, 256.0));
         assert_eq!(outlook().error.unwrap().cautious(), 0.04 * 1.21f64.sqrt());
@@ -206,7 +206,7 @@ pub(crate) mod tests {
 
     #[test]
     fn tiles_that_have_ended_take_no_more_time() {
-        let stop = Stop { error: Some(0.0112), adaptive: true, ..Stop::default() };
+        let stop = Stop { error: Some(0.0129), adaptive: true, ..Stop::default() };
         // Half of the tiles have ended with these 64 samples: 6400 are done, and 9600 are left.
         let outlook = Outlook { open: 0.5, ended_spp: 32.0, ..outlook() };
         let end = Forecast::of_frame(&spec(1 << 20, stop), &outlook, 8.0).unwrap();

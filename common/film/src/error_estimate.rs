@@ -12,6 +12,13 @@ const DEVIATIONS: f64 = 1.96;
 /// Deviation of the logarithm of a squared error that each doubling of the samples ahead adds.
 const DEVIATION_PER_DOUBLING: f64 = 0.05;
 
+/// Where chance alone is left, estimates of relative errors fall by this power of the samples: the more there are, the better is known what
+/// is divided by, and the more of the error is seen. From the benchmark set.
+const RATE_SEEN: f64 = 0.9;
+
+/// Share of chance in the error from which on it is more and more alone.
+const CHANCE_ALONE: f64 = 0.95;
+
 /// More doublings than any number of samples has.
 const LEVELS: f64 = 64.0;
 
@@ -85,7 +92,19 @@ impl ErrorEstimate {
     }
 
     fn rel_mse_at(&self, doublings: f64) -> f64 {
-        self.rel_parts.iter().zip(RATES).map(|(part, rate)| part * exp2(-rate * doublings)).sum()
+        self.falling(RATES, doublings)
+    }
+
+    fn falling(&self, rates: [f64; 3], doublings: f64) -> f64 {
+        self.rel_parts.iter().zip(rates).map(|(part, rate)| part * exp2(-rate * doublings)).sum()
+    }
+
+    /// What the estimate will be after so many doublings, rather than the error.
+    fn estimate_at(&self, doublings: f64) -> f64 {
+        let share = if self.rel_mse > 0.0 { self.rel_parts[0] / self.rel_mse } else { 1.0 };
+        let alone = ((share - CHANCE_ALONE) / (1.0 - CHANCE_ALONE)).clamp(0.0, 1.0);
+        let [chance, edges, smooth] = RATES;
+        self.falling([chance - alone * (chance - RATE_SEEN), edges, smooth], doublings)
     }
 
     /// The relative mean squared error that a picture is held to have when it is asked whether it may end: one standard deviation of
@@ -100,10 +119,10 @@ impl ErrorEstimate {
         self.rel_mse_band.sqrt()
     }
 
-    /// Samples per pixel after which `rel_mse` will be `target`; fewer than `spp` where it is below already. None for a target that
+    /// Samples per pixel after which the estimated `rel_mse` will be `target`; fewer than `spp` where it is below already. None for a target that
     /// is not positive and a picture without error.
     pub fn predict(&self, target: f64) -> Option<Prediction> {
-        self.when(target, |doublings| self.rel_mse_at(doublings))
+        self.when(target, |doublings| self.estimate_at(doublings))
     }
 
     /// The same for [`Self::cautious`], which falls faster: what is known of the decay grows with the levels that it is read off. What
@@ -117,7 +136,7 @@ impl ErrorEstimate {
             let deviation = (of_law(levels + doublings) + chance).sqrt().min(now);
             exp(0.5 * DEVIATIONS * deviation)
         };
-        self.when(target, |doublings| self.rel_mse_at(doublings) * margin(doublings))
+        self.when(target, |doublings| self.estimate_at(doublings) * margin(doublings))
     }
 
     /// When a falling function of the doublings ahead will be `target`.
@@ -125,7 +144,7 @@ impl ErrorEstimate {
         if target <= 0.0 || self.rel_mse <= 0.0 {
             return None;
         }
-        // Between no and too many doublings: the error falls at least as fast as that of independent samples.
+        // Between no and too many doublings.
         let (mut low, mut high) = (-LEVELS, LEVELS);
         while high - low > 1e-6 {
             let middle = 0.5 * (low + high);
