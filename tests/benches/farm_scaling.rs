@@ -78,7 +78,7 @@ async fn farm(program: PathBuf, speeds: Vec<f64>, seconds: f64) -> String {
             threads: 1,
             pool: waiting(index, pace / speed, diary.clone()),
             scenes: Arc::new(SceneCache::new(None, None)),
-            target: Target::Tcp(served.address().to_owned(), Access::Plain),
+            target: Target::Tcp(vec![served.address().to_owned()], Access::Plain),
             retry_for: Duration::from_secs(10),
         };
         let (sender, receiver) = tokio::sync::mpsc::channel(1);

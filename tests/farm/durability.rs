@@ -101,6 +101,26 @@ fn a_coordinator_that_stands_by_takes_over_from_a_dead_one() {
 }
 
 #[test]
+fn a_worker_that_knows_two_addresses_finds_whoever_takes_over_at_the_other() {
+    let place = Place::new();
+    let mut first = Server::start(&place, "127.0.0.1:0");
+    let job = first.submit(&place, &PICTURE);
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut command = Server::command(&free, place.path("store").to_str().unwrap());
+    command.arg("--standby");
+    let mut second = Running::start(command);
+    second.wait_for("its patience", |said| said.contains("standing by").then_some(()));
+    let mut worker = joining(&format!("{free},{}", first.address), "loyal");
+    let done = first.wait_for_more(&job, 0);
+    first.running.kill();
+    let second = Server::once_it_listens(second);
+    assert_eq!(second.address, free);
+    assert!(second.samples_done(&job) >= done);
+    assert_eq!(second.difference(&place, &job), 0.0);
+    assert!(worker.is_running(), "it has gone over");
+}
+
+#[test]
 fn a_coordinator_that_slept_through_its_end_writes_nothing_more() {
     let place = Place::new();
     let store = place.path("store");

@@ -31,8 +31,8 @@ const BACKOFF_MAX: Duration = Duration::from_secs(3);
 /// Where the coordinator is.
 #[derive(Clone, Debug)]
 pub enum Target {
-    /// `HOST:PORT`, and by which right.
-    Tcp(String, Access),
+    /// At the first of some `HOST:PORT` that answers, and by which right.
+    Tcp(Vec<String>, Access),
     /// In this process; takes the far ends of pipes.
     Memory(mpsc::Sender<DuplexStream>),
 }
@@ -40,8 +40,20 @@ pub enum Target {
 impl std::fmt::Display for Target {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Self::Tcp(address, _) => f.write_str(address),
+            Self::Tcp(addresses, _) => f.write_str(&addresses.join(", ")),
             Self::Memory(_) => f.write_str("this process"),
+        }
+    }
+}
+
+impl Target {
+    /// Each place in turn, as a target of its own.
+    fn places(&self) -> Vec<Self> {
+        match self {
+            Self::Tcp(addresses, access) => {
+                addresses.iter().map(|address| Self::Tcp(vec![address.clone()], access.clone())).collect()
+            }
+            Self::Memory(_) => vec![self.clone()],
         }
     }
 }
@@ -112,8 +124,8 @@ enum Failure {
     MayPass(String),
 }
 
-/// Stays connected to `target` until the receiver of `events` is gone, the coordinator refuses, or there was none for
-/// `retry_for`.
+/// Stays connected to `target` until the receiver of `events` is gone, a coordinator refuses, or there was none for
+/// `retry_for`. Where there are several addresses, one that is not answered at leads to the next.
 pub async fn keep_connected(
     target: Target,
     hello: Hello,
@@ -122,8 +134,9 @@ pub async fn keep_connected(
 ) {
     let mut alone_since = Instant::now();
     let mut pause = BACKOFF_MIN;
+    let places = target.places();
     loop {
-        let reason = match connect(&target, &hello).await {
+        let reason = match connect_to_any(&places, &hello).await {
             Ok((up, mut incoming)) => {
                 if events.send(LinkEvent::Up(up)).await.is_err() {
                     return;
@@ -174,6 +187,22 @@ async fn pass_on(
     }
 }
 
+/// At the first place where one is taken in, or refused for good.
+async fn connect_to_any(
+    places: &[Target],
+    hello: &Hello,
+) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
+    let mut reasons = Vec::new();
+    for place in places {
+        match connect(place, hello).await {
+            Err(Failure::MayPass(reason)) if places.len() == 1 => reasons.push(reason),
+            Err(Failure::MayPass(reason)) => reasons.push(format!("{place}: {reason}")),
+            end => return end,
+        }
+    }
+    Err(Failure::MayPass(reasons.join("; ")))
+}
+
 async fn connect(target: &Target, hello: &Hello) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
     let client = Client::new(channel(target).await?);
     let (outgoing, messages) = mpsc::channel(OUTGOING_MAX);
@@ -212,7 +241,7 @@ fn failure(target: &Target, status: &Status) -> Failure {
 
 async fn channel(target: &Target) -> Result<Channel, Failure> {
     match target {
-        Target::Tcp(address, access) => dial(address, access).await.map_err(|err| match err {
+        Target::Tcp(addresses, access) => dial(&addresses.concat(), access).await.map_err(|err| match err {
             DialError::Address(address) => Failure::Final(LinkError::Address { address }),
             DialError::Refused(reason) => {
                 Failure::Final(LinkError::Refused { target: target.to_string(), reason })

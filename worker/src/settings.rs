@@ -44,9 +44,9 @@ pub(crate) enum Command {
 
 #[derive(Clone, Debug, clap::Args)]
 struct JoinArgs {
-    /// Address of the coordinator
-    #[arg(long, env = "FARM_CONNECT", value_name = "HOST:PORT")]
-    connect: Option<String>,
+    /// Address of the coordinator; several, with commas between them, where another one may take over on another host
+    #[arg(long, env = "FARM_CONNECT", value_name = "HOST:PORT", value_delimiter = ',')]
+    connect: Vec<String>,
 
     /// Units rendered at once; one per processor if not given
     #[arg(long, env = "FARM_THREADS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -115,10 +115,12 @@ impl Settings {
 
     /// How to work for a coordinator.
     pub(crate) fn config(self) -> Result<Config, Fault> {
-        let address = self.join.connect.ok_or_else(|| {
-            Fault::input("nobody to work for: give the coordinator's address with --connect HOST:PORT")
-        })?;
-        let access = self.join.access.access("worker", &address)?;
+        if self.join.connect.is_empty() {
+            return Err(Fault::input(
+                "nobody to work for: give the coordinator's address with --connect HOST:PORT",
+            ));
+        }
+        let access = self.join.access.access_to_any("worker", &self.join.connect)?;
         Ok(Config {
             name: self.join.name.unwrap_or_else(default_name),
             threads: thread_count(self.join.threads),
@@ -127,7 +129,7 @@ impl Settings {
                 self.join.cache.map(|folder| DiskCache::new(folder, self.join.cache_size)),
                 self.join.memory,
             )),
-            target: Target::Tcp(address, access),
+            target: Target::Tcp(self.join.connect, access),
             retry_for: self.join.retry_for,
         })
     }

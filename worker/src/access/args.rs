@@ -76,6 +76,18 @@ impl AccessArgs {
         }
     }
 
+    /// The same to any of the coordinators of one farm, at one address at least. Who one is, is kept under the first.
+    ///
+    /// # Errors
+    /// The same for any of them.
+    pub fn access_to_any(&self, program: &str, addresses: &[String]) -> Result<Access, Fault> {
+        let access = self.access(program, &addresses[0])?;
+        if matches!(access, Access::Plain) {
+            addresses[1..].iter().try_for_each(|address| self.plain(address).map(drop))?;
+        }
+        Ok(access)
+    }
+
     /// An identity of another farm than the one that is asked for, or from another token, is not used.
     fn is_wanted(&self, identity: &Identity, token: Option<&Token>) -> bool {
         let holder = identity.holder();
