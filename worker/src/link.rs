@@ -41,19 +41,34 @@ impl std::fmt::Display for Target {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Tcp(addresses, _) => f.write_str(&addresses.join(", ")),
-            Self::Memory(_) => f.write_str("this process"),
+            Self::Memory(pipes) => Place::Memory(pipes).fmt(f),
         }
     }
 }
 
 impl Target {
-    /// Each place in turn, as a target of its own.
-    fn places(&self) -> Vec<Self> {
+    fn places(&self) -> Vec<Place<'_>> {
         match self {
             Self::Tcp(addresses, access) => {
-                addresses.iter().map(|address| Self::Tcp(vec![address.clone()], access.clone())).collect()
+                addresses.iter().map(|address| Place::Tcp(address, access)).collect()
             }
-            Self::Memory(_) => vec![self.clone()],
+            Self::Memory(pipes) => vec![Place::Memory(pipes)],
+        }
+    }
+}
+
+/// One place where a coordinator may be.
+#[derive(Clone, Copy)]
+enum Place<'a> {
+    Tcp(&'a str, &'a Access),
+    Memory(&'a mpsc::Sender<DuplexStream>),
+}
+
+impl std::fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Tcp(address, _) => f.write_str(address),
+            Self::Memory(_) => f.write_str("this process"),
         }
     }
 }
@@ -189,11 +204,11 @@ async fn pass_on(
 
 /// At the first place where one is taken in, or refused for good.
 async fn connect_to_any(
-    places: &[Target],
+    places: &[Place<'_>],
     hello: &Hello,
 ) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
     let mut reasons = Vec::new();
-    for place in places {
+    for place in places.iter().copied() {
         match connect(place, hello).await {
             Err(Failure::MayPass(reason)) if places.len() == 1 => reasons.push(reason),
             Err(Failure::MayPass(reason)) => reasons.push(format!("{place}: {reason}")),
@@ -203,13 +218,16 @@ async fn connect_to_any(
     Err(Failure::MayPass(reasons.join("; ")))
 }
 
-async fn connect(target: &Target, hello: &Hello) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
-    let client = Client::new(channel(target).await?);
+async fn connect(
+    place: Place<'_>,
+    hello: &Hello,
+) -> Result<(Up, Streaming<v1::CoordinatorMessage>), Failure> {
+    let client = Client::new(channel(place).await?);
     let (outgoing, messages) = mpsc::channel(OUTGOING_MAX);
     let first = FromWorker::Hello(hello.clone());
     let messages =
         tokio_stream::once(first).chain(ReceiverStream::new(messages)).map(v1::WorkerMessage::from);
-    let failed = |status: Status| failure(target, &status);
+    let failed = |status: Status| failure(place, &status);
     let mut incoming = client.stub().work(messages).await.map_err(failed)?.into_inner();
     let first = incoming.message().await.map_err(failed)?.map(ToWorker::try_from);
     match first {
@@ -221,34 +239,34 @@ async fn connect(target: &Target, hello: &Hello) -> Result<(Up, Streaming<v1::Co
 }
 
 /// What the other side will not take back is final; everything else may pass.
-fn failure(target: &Target, status: &Status) -> Failure {
+fn failure(place: Place<'_>, status: &Status) -> Failure {
     match status.code() {
         Code::FailedPrecondition
         | Code::InvalidArgument
         | Code::PermissionDenied
         | Code::Unauthenticated
         | Code::Unimplemented => Failure::Final(LinkError::Refused {
-            target: target.to_string(),
+            target: place.to_string(),
             reason: status.message().to_owned(),
         }),
         // The other side's last word in a handshake may come only after it.
         _ => match status.source().and_then(refused_by_tls) {
-            Some(reason) => Failure::Final(LinkError::Refused { target: target.to_string(), reason }),
+            Some(reason) => Failure::Final(LinkError::Refused { target: place.to_string(), reason }),
             None => Failure::MayPass(sentence(status)),
         },
     }
 }
 
-async fn channel(target: &Target) -> Result<Channel, Failure> {
-    match target {
-        Target::Tcp(addresses, access) => dial(&addresses.concat(), access).await.map_err(|err| match err {
+async fn channel(place: Place<'_>) -> Result<Channel, Failure> {
+    match place {
+        Place::Tcp(address, access) => dial(address, access).await.map_err(|err| match err {
             DialError::Address(address) => Failure::Final(LinkError::Address { address }),
             DialError::Refused(reason) => {
-                Failure::Final(LinkError::Refused { target: target.to_string(), reason })
+                Failure::Final(LinkError::Refused { target: place.to_string(), reason })
             }
             DialError::Failed(reason) => Failure::MayPass(reason),
         }),
-        Target::Memory(pipes) => {
+        Place::Memory(pipes) => {
             let pipes = pipes.clone();
             let connector = tower::service_fn(move |_| {
                 let pipes = pipes.clone();

@@ -88,11 +88,7 @@ impl ErrorEstimate {
 
     /// What `rel_mse` will be after so many doublings of the samples.
     pub(crate) fn rel_mse_after(&self, doublings: u32) -> f64 {
-        self.rel_mse_at(f64::from(doublings))
-    }
-
-    fn rel_mse_at(&self, doublings: f64) -> f64 {
-        self.falling(RATES, doublings)
+        self.falling(RATES, f64::from(doublings))
     }
 
     fn falling(&self, rates: [f64; 3], doublings: f64) -> f64 {
